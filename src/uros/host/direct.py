@@ -1,8 +1,8 @@
 """Connection of a host's nodes: a middleware of their own, in place of a session with an agent.
 
-To nodes and entities a :class:`Direct` looks like a :class:`uros.client.connection.Connection`
-that is always connected. It makes the endpoints itself as soon as entities are added, so nobody
-runs their ``create``, which would ask an agent for them.
+A :class:`Direct` has the interface of a :class:`uros.client.connection.Connection` that is always
+connected. It creates the endpoint of an entity when the entity is added, so the entity's
+``create``, which asks an agent for the endpoint, is not called.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ from .interrupt import Interrupt
 _BATCH: Final = 32
 # Request ids of entities have two bytes; 0 means that nothing was sent.
 _NUMBERS: Final = 0xFFFF
-# A reply that the middleware could not take is sent again after so long.
+# Delay before a reply that the middleware could not take is sent again.
 _RETRY_MS: Final = 5
 _GUID: Final = 16
-# Attack: malformed samples, or replies nobody asked for, as fast as they can be sent. Takes of them
-# in a row.
+# Attack: a flood of malformed samples, or of replies to no request. The limit is the number of
+# takes in a row that return only such samples.
 _MAX_MISSES: Final = 4
 
 
@@ -51,17 +51,17 @@ class SystemClock(Clock):
         self.high, self.low = seconds >> 16, seconds & 0xFFFF
 
 
-class _End(Protocol):
-    """What an entity has at the middleware."""
+class _Endpoint(Protocol):
+    """An entity's endpoint at the middleware."""
 
     def write(self, message: Any, prefix: bytes) -> int:
-        """The request's number, or 1; 0: no room now."""
+        """Send; return the request's number, or 1; 0 if the middleware has no room now."""
 
     def close(self) -> None: ...
 
 
-class _Out:
-    """A publisher's."""
+class _Writer:
+    """A publisher's endpoint."""
 
     def __init__(self, node: base.Node, entity: Publisher) -> None:
         self._writer = node.create_writer(
@@ -76,14 +76,14 @@ class _Out:
         return self._writer.matched()
 
 
-class _Receiving:
+class _ReceivingEndpoint:
     """A receiving endpoint, which takes samples when its entity's queue is empty.
 
-    Samples received before stay at the middleware, where QoS applies, and the endpoint stays in
-    the set ``waiting``.
+    Until then samples stay at the middleware, where QoS applies, and the endpoint stays in the set
+    ``waiting``.
     """
 
-    def __init__(self, entity: Any, waiting: set[_Receiving]) -> None:
+    def __init__(self, entity: Any, waiting: set[_ReceivingEndpoint]) -> None:
         self._entity = entity
         self._most = max(1, min(entity.depth, _BATCH))
         self._waiting = waiting
@@ -105,7 +105,7 @@ class _Receiving:
                 self._deliver(prefix, sample)
             if self._entity._queue:
                 break
-        return True  # or there is more: without waiting, and after others
+        return True  # more samples may be ready; other endpoints have their turn first
 
     def _deliver(self, prefix: bytes, sample: bytes) -> None:
         if sample[0] or sample[1] > 1:  # no plain CDR
@@ -117,14 +117,16 @@ class _Receiving:
             self._entity.on_data(sample, 4, len(sample), sample[1] == 1)
 
     def take(self, limit: int) -> list[tuple[bytes, bytes]]:
-        """Samples, each with what stands before it in the entity's eyes."""
+        """Take samples, each with the prefix that its entity expects before the sample."""
         raise NotImplementedError
 
 
-class _In(_Receiving):
-    """A subscription's."""
+class _Reader(_ReceivingEndpoint):
+    """A subscription's endpoint."""
 
-    def __init__(self, node: base.Node, entity: Subscription, waiting: set[_Receiving]) -> None:
+    def __init__(
+        self, node: base.Node, entity: Subscription, waiting: set[_ReceivingEndpoint]
+    ) -> None:
         super().__init__(entity, waiting)
         topic, type_name = names.topic_to_dds(entity.name), entity.type._DDS_TYPE
         self._reader = node.create_reader(topic, type_name, _profile(entity.qos), self.on_ready)
@@ -137,10 +139,10 @@ class _In(_Receiving):
         return [(b"", sample) for sample in self._reader.take(limit)]
 
 
-class _Server(_Receiving):
-    """A service's. The identity is the asker's GUID and the number of its request."""
+class _Replier(_ReceivingEndpoint):
+    """A service's endpoint. A request's identity is the client's GUID and the sequence number."""
 
-    def __init__(self, node: base.Node, entity: Service, waiting: set[_Receiving]) -> None:
+    def __init__(self, node: base.Node, entity: Service, waiting: set[_ReceivingEndpoint]) -> None:
         super().__init__(entity, waiting)
         self._replier = node.create_replier(_service(entity), services_profile(), self.on_ready)
         self.close = self._replier.close
@@ -156,7 +158,7 @@ class _Server(_Receiving):
         ]
 
 
-class _Failing:
+class _FailedCall:
     """Entry in a client's queue that makes a future fail."""
 
     def __init__(self, future: Future, why: str) -> None:
@@ -167,13 +169,13 @@ class _Failing:
         self._future.finish(None, OSError(self._why))
 
 
-class _Asker(_Receiving):
-    """A client's. It knows the sequence number behind each number that the entity waits for."""
+class _Requester(_ReceivingEndpoint):
+    """A client's endpoint. It maps each request id of the entity to a sequence number."""
 
-    def __init__(self, node: base.Node, entity: Client, waiting: set[_Receiving]) -> None:
+    def __init__(self, node: base.Node, entity: Client, waiting: set[_ReceivingEndpoint]) -> None:
         super().__init__(entity, waiting)
-        self._asked: dict[int, int] = {}
-        self._refused: dict[int, str] = {}  # why; their numbers are negative
+        self._sequences: dict[int, int] = {}
+        self._failed: dict[int, str] = {}  # reasons, by request id, which is negative
         self._requester = node.create_requester(_service(entity), services_profile(), self.on_ready)
         self.close = self._requester.close
 
@@ -181,29 +183,29 @@ class _Asker(_Receiving):
         try:
             sequence = self._requester.request(to_cdr(message))
         except base.MiddlewareError as error:
-            number = -1 - len(self._refused)
-            self._refused[number] = str(error)
+            number = -1 - len(self._failed)
+            self._failed[number] = str(error)
             self._waiting.add(self)
             return number
         if sequence is None:
             return 0
         number = sequence % _NUMBERS + 1
-        self._asked[number] = sequence
+        self._sequences[number] = sequence
         return number
 
     def fill(self) -> bool:
-        """As others', and fail the calls that nobody will answer."""
-        came = super().fill()
-        if self._asked and (why := self._requester.refusal()):
-            self._refused.update(dict.fromkeys(self._asked, why))
-            self._asked.clear()
-        for number, why in self._refused.items():
+        """Take replies, and fail the calls that will have no reply."""
+        ready = super().fill()
+        if self._sequences and (why := self._requester.refusal()):
+            self._failed.update(dict.fromkeys(self._sequences, why))
+            self._sequences.clear()
+        for number, why in self._failed.items():
             future = self._entity._pending.pop(number, None)
             if future is not None:
-                self._entity._queue.append((_Failing(future, why), None))
-                came = True
-        self._refused.clear()
-        return came
+                self._entity._queue.append((_FailedCall(future, why), None))
+                ready = True
+        self._failed.clear()
+        return ready
 
     def take(self, limit: int) -> list[tuple[bytes, bytes]]:
         out: list[tuple[bytes, bytes]] = []
@@ -211,8 +213,8 @@ class _Asker(_Receiving):
             replies = self._requester.take(limit)
             for sequence, sample in replies:
                 number = sequence % _NUMBERS + 1
-                if self._asked.get(number) == sequence:
-                    del self._asked[number]
+                if self._sequences.get(number) == sequence:
+                    del self._sequences[number]
                     out.append((number.to_bytes(2, "big") + bytes(2), sample))
             if out or not replies:
                 return out
@@ -265,17 +267,17 @@ class Direct(NodeConnection):
         self.on_state: Callable[[int], object] | None = None
         self.reason = ""
         self.interrupt = Interrupt()
-        self._told = False  # the state
+        self._state_reported = False
         self._count = 0
         self._nodes: dict[Any, base.Node] = {}
-        self._ends: dict[int, _End] = {}  # by the entity's number
-        self._waiting: set[_Receiving] = set()  # those that may have left something
-        self._stalled = False  # an answer waits for room
+        self._endpoints: dict[int, _Endpoint] = {}  # by the entity's number
+        self._waiting: set[_ReceivingEndpoint] = set()  # endpoints that may have more samples
+        self._stalled = False  # a reply waits for room at the middleware
         self._conflicts: set[tuple[str, str, str]] = set()
         middleware.on_type_conflict = self._type_conflict
         atexit.register(self.close)
 
-    # --- what nodes and entities ask for -------------------------------------------------------
+    # --- interface of nodes and entities -------------------------------------------------------
 
     def add(self, entity: Any) -> int:
         """Create a node, or the endpoint of an entity.
@@ -298,27 +300,27 @@ class Direct(NodeConnection):
             return number
         _check_type(entity)
         node = self._nodes[entity.node]
-        end: _End
+        endpoint: _Endpoint
         if isinstance(entity, Publisher):
-            end = _Out(node, entity)
+            endpoint = _Writer(node, entity)
         elif isinstance(entity, Subscription):
-            end = _In(node, entity, self._waiting)
+            endpoint = _Reader(node, entity, self._waiting)
         elif isinstance(entity, Service):
-            end = _Server(node, entity, self._waiting)
+            endpoint = _Replier(node, entity, self._waiting)
         else:
-            end = _Asker(node, entity, self._waiting)
-        self._ends[number] = end
+            endpoint = _Requester(node, entity, self._waiting)
+        self._endpoints[number] = endpoint
         entity.created = True
         return number
 
     def matched(self, publisher: Publisher) -> int:
         """Return the number of matched subscriptions."""
-        end = self._ends[publisher.number]
-        assert isinstance(end, _Out)
-        return end.matched()
+        endpoint = self._endpoints[publisher.number]
+        assert isinstance(endpoint, _Writer)
+        return endpoint.matched()
 
     def transient_local(self, depth: int) -> QoSProfile:
-        """Return the profile of a publisher whose last ``depth`` messages late readers get."""
+        """Return the profile of a publisher that keeps ``depth`` messages for late joiners."""
         return QoSProfile(depth, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
     def remove(self, entity: Any, object_ids: tuple[int, ...]) -> None:
@@ -330,17 +332,17 @@ class Direct(NodeConnection):
             if not self._nodes:
                 self.close()
             return
-        end = self._ends.pop(entity.number, None)
-        if end is not None:
-            self._waiting.discard(end)
-            end.close()
+        endpoint = self._endpoints.pop(entity.number, None)
+        if endpoint is not None:
+            self._waiting.discard(endpoint)
+            endpoint.close()
 
     def write(self, object_id: int, message: Any, prefix: bytes, reliable: bool | int) -> int:
         """Send a message without waiting; return its request id or 1, 0 if it cannot be sent."""
-        end = self._ends.get(object_id >> 4)
-        if end is None:
+        endpoint = self._endpoints.get(object_id >> 4)
+        if endpoint is None:
             return 0
-        number = end.write(message, prefix)
+        number = endpoint.write(message, prefix)
         if prefix and not number:
             self._stalled = True
         self.middleware.tick()  # a program that only publishes may never pump
@@ -354,8 +356,8 @@ class Direct(NodeConnection):
             return
         if self.state != AGENT_CONNECTED:
             raise base.MiddlewareError("the node has been destroyed")
-        if not self._told and self.on_state is not None:
-            self._told = True
+        if not self._state_reported and self.on_state is not None:
+            self._state_reported = True
             try:
                 self.on_state(self.state)
             except Exception as error:
@@ -372,8 +374,8 @@ class Direct(NodeConnection):
 
     def _work(self, seconds: float) -> None:
         middleware = self.middleware
-        for end in list(self._waiting):
-            if end.fill():
+        for endpoint in list(self._waiting):
+            if endpoint.fill():
                 seconds = 0.0
         deadline = middleware.next_deadline()
         if deadline is not None:
@@ -382,15 +384,15 @@ class Direct(NodeConnection):
             middleware.dispatch()
         middleware.tick()
 
-    def _type_conflict(self, topic: str, here: str, there: str) -> None:
-        conflict = topic, here, there
+    def _type_conflict(self, topic: str, own_type: str, type_name: str) -> None:
+        conflict = topic, own_type, type_name
         if conflict not in self._conflicts:
             self._conflicts.add(conflict)
             print(
                 printable(
-                    f"uros: {topic[2:]} is {names.type_from_dds(here)} here, and"
-                    f" {names.type_from_dds(there)} elsewhere on the network: samples of one do not"
-                    " reach the other"
+                    f"uros: {topic[2:]} is {names.type_from_dds(own_type)} here, and"
+                    f" {names.type_from_dds(type_name)} elsewhere on the network: samples of one do"
+                    " not reach the other"
                 ),
                 file=sys.stderr,
             )
@@ -400,7 +402,7 @@ class Direct(NodeConnection):
         if self.state == AGENT_CONNECTED:
             self.state = AGENT_DISCONNECTED
             atexit.unregister(self.close)
-            self._ends.clear()
+            self._endpoints.clear()
             self._waiting.clear()
             self._nodes.clear()
             self.middleware.close()

@@ -1,7 +1,7 @@
-"""The ROS graph: what a middleware has discovered, under ROS names.
+"""The ROS graph as discovered by a middleware, under ROS names.
 
-The rules are those of rmw_dds_common's graph cache, so the answers agree with ``ros2``. All names
-and types are `printable`: anybody in the domain can announce any text.
+The rules are those of rmw_dds_common's graph cache, so the results agree with ``ros2``. All names
+and types are `printable`: any participant in the domain can announce any text.
 """
 
 from __future__ import annotations
@@ -26,8 +26,9 @@ NamesAndTypes = dict[str, list[str]]
 _FEEDBACK: Final = "/_action/feedback"
 _FEEDBACK_TYPE: Final = "_FeedbackMessage"
 _TYPE_HASH: Final = re.compile(rb"typehash=(RIHS\d\d_[0-9a-f]{64});")
-# The first octets of a GUID are the DDS vendor's. Only Cyclone announces the history of endpoints.
-_TELLS_HISTORY: Final = b"\x01\x10"
+# The first octets of a GUID are the vendor id, here Cyclone DDS's. Only Cyclone announces the
+# history of endpoints.
+_CYCLONE: Final = b"\x01\x10"
 
 
 @dataclass(frozen=True)
@@ -65,8 +66,8 @@ class Graph:
     def topics(self) -> NamesAndTypes:
         """Return all ROS topics that have a publisher or a subscription, with their types."""
         return _collect(
-            (names.topic_from_dds(end.topic), names.type_from_dds(end.type_name))
-            for end in self._source.endpoints.values()
+            (names.topic_from_dds(endpoint.topic), names.type_from_dds(endpoint.type_name))
+            for endpoint in self._source.endpoints.values()
         )
 
     def publishers(self, topic: str) -> list[EndpointInfo]:
@@ -81,52 +82,53 @@ class Graph:
         """Return all services that have a server or a client, with their types."""
         return _collect(
             (
-                names.service_from_request(end.topic) or names.service_from_reply(end.topic),
-                names.service_type_from_dds(end.type_name),
+                names.service_from_request(endpoint.topic)
+                or names.service_from_reply(endpoint.topic),
+                names.service_type_from_dds(endpoint.type_name),
             )
-            for end in self._source.endpoints.values()
+            for endpoint in self._source.endpoints.values()
         )
 
     def servers(self, service: str) -> list[EndpointInfo]:
         """Return the request readers of a service in participants that write its replies, too."""
         answering = {
-            end.participant
-            for end in self._source.endpoints.values()
-            if end.is_writer and names.service_from_reply(printable(end.topic)) == service
+            endpoint.participant
+            for endpoint in self._source.endpoints.values()
+            if endpoint.is_writer and names.service_from_reply(printable(endpoint.topic)) == service
         }
         return [
-            found
-            for found in self._on(f"rq{service}Request", False)
-            if self._source.endpoints[found.gid].participant in answering
+            reader
+            for reader in self._dds_endpoints(f"rq{service}Request", False)
+            if self._source.endpoints[reader.gid].participant in answering
         ]
 
     def _endpoints(self, topic: str, is_writer: bool) -> list[EndpointInfo]:
-        return self._on(names.topic_to_dds(topic), is_writer)
+        return self._dds_endpoints(names.topic_to_dds(topic), is_writer)
 
-    def _on(self, dds_name: str, is_writer: bool) -> list[EndpointInfo]:
+    def _dds_endpoints(self, dds_name: str, is_writer: bool) -> list[EndpointInfo]:
         owners = {
             gid: (node.namespace, node.name)
             for node in living_nodes(self._source)
             for gid in (node.writers if is_writer else node.readers)
         }
-        found = []
-        for end in self._source.endpoints.values():
-            if end.is_writer != is_writer or printable(end.topic) != dds_name:
+        endpoints = []
+        for endpoint in self._source.endpoints.values():
+            if endpoint.is_writer != is_writer or printable(endpoint.topic) != dds_name:
                 continue
-            ros = end.participant in self._source.announced
-            namespace, name = owners.get(end.guid, UNKNOWN_NODE if ros else BARE_DDS)
-            found.append(
+            ros = endpoint.participant in self._source.announced
+            namespace, name = owners.get(endpoint.guid, UNKNOWN_NODE if ros else BARE_DDS)
+            endpoints.append(
                 EndpointInfo(
                     printable(namespace),
                     printable(name),
-                    printable(names.type_from_dds(end.type_name)),
-                    type_hash(end.qos.user_data),
+                    printable(names.type_from_dds(endpoint.type_name)),
+                    type_hash(endpoint.qos.user_data),
                     is_writer,
-                    end.guid,
-                    _told(end),
+                    endpoint.guid,
+                    _announced_qos(endpoint),
                 )
             )
-        return sorted(found, key=lambda one: (one.node_namespace, one.node_name, one.gid))
+        return sorted(endpoints, key=lambda info: (info.node_namespace, info.node_name, info.gid))
 
     def nodes(self) -> list[str]:
         """Return the full names of all nodes, sorted; a name may occur more than once."""
@@ -164,13 +166,13 @@ def type_hash(user_data: bytes) -> str:
     return match[1].decode() if match else NO_HASH
 
 
-def _told(end: EndpointSource) -> QoSProfile:
-    if end.guid.startswith(_TELLS_HISTORY):
-        return end.qos
-    told = copy.copy(end.qos)
-    told.history = HistoryPolicy.SYSTEM_DEFAULT
-    told.depth = 0
-    return told
+def _announced_qos(endpoint: EndpointSource) -> QoSProfile:
+    if endpoint.guid.startswith(_CYCLONE):
+        return endpoint.qos
+    profile = copy.copy(endpoint.qos)
+    profile.history = HistoryPolicy.SYSTEM_DEFAULT
+    profile.depth = 0
+    return profile
 
 
 def _named(
@@ -178,15 +180,15 @@ def _named(
     name: Callable[[str], str | None],
     type_name: Callable[[str], str],
 ) -> NamesAndTypes:
-    return _collect((name(end.topic), type_name(end.type_name)) for end in endpoints)
+    return _collect((name(endpoint.topic), type_name(endpoint.type_name)) for endpoint in endpoints)
 
 
 def _collect(pairs: Iterable[tuple[str | None, str]]) -> NamesAndTypes:
-    found: dict[str, set[str]] = {}
+    types: dict[str, set[str]] = {}
     for name, type_name in pairs:
         if name is not None:
-            found.setdefault(printable(name), set()).add(printable(type_name))
-    return {name: sorted(found[name]) for name in sorted(found)}
+            types.setdefault(printable(name), set()).add(printable(type_name))
+    return {name: sorted(types[name]) for name in sorted(types)}
 
 
 def _action(dds_name: str) -> str | None:

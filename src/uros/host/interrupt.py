@@ -13,9 +13,10 @@ from contextlib import contextmanager
 class Interrupt:
     """Defers KeyboardInterrupt between :meth:`hold` and :meth:`release`.
 
-    There Ctrl-C ends :meth:`wait`, and :meth:`release` raises it. An immediate KeyboardInterrupt is
-    not safe: Cyclone's binding calls Python while it takes samples, and turns the exception into
-    another one or crashes. And a signal just before ``select`` would not end that call.
+    Between them Ctrl-C ends :meth:`wait`, and :meth:`release` raises KeyboardInterrupt. An
+    immediate KeyboardInterrupt is not safe: Cyclone's binding calls Python while it takes samples,
+    and replaces the exception by a different one or crashes. And a signal just before ``select``
+    would not end that call.
     """
 
     def __init__(self) -> None:
@@ -27,8 +28,7 @@ class Interrupt:
     def watched(self) -> Iterator[None]:
         """Install the signal handler within the block.
 
-        It changes nothing in threads other than the main one, and in programs with a handler of
-        their own.
+        It has no effect outside the main thread, and in programs with their own handler.
         """
         if (
             threading.current_thread() is not threading.main_thread()
@@ -36,10 +36,10 @@ class Interrupt:
         ):
             yield
             return
-        self._socket, theirs = socket.socketpair()
+        self._socket, wakeup = socket.socketpair()
         self._socket.setblocking(False)
-        theirs.setblocking(False)
-        before = signal.set_wakeup_fd(theirs.fileno(), warn_on_full_buffer=False)
+        wakeup.setblocking(False)
+        before = signal.set_wakeup_fd(wakeup.fileno(), warn_on_full_buffer=False)
         signal.signal(signal.SIGINT, self._on_signal)
         try:
             yield
@@ -48,7 +48,7 @@ class Interrupt:
             signal.set_wakeup_fd(before)
             self._socket.close()
             self._socket = None
-            theirs.close()
+            wakeup.close()
 
     def _on_signal(self, number: int, frame: object) -> None:
         if not self._held:
@@ -65,11 +65,11 @@ class Interrupt:
         Returns:
             Whether the file is readable.
         """
-        ours = self._socket
-        signals = [] if ours is None else [ours.fileno()]
+        receiver = self._socket
+        signals = [] if receiver is None else [receiver.fileno()]
         ready = select.select([fileno, *signals], [], [], seconds)[0]
-        if ours is not None and signals[0] in ready:
-            ours.recv(64)
+        if receiver is not None and signals[0] in ready:
+            receiver.recv(64)
         return fileno in ready
 
     def hold(self) -> None:

@@ -15,8 +15,8 @@ def adapt(
 ) -> list[str]:
     """Set reliability and durability of ``profile`` to the best that all publishers offer.
 
-    It becomes reliable only if all are, and transient local only if all are; the partitions are
-    theirs. Without publishers nothing is changed.
+    The profile becomes reliable only if all publishers are, and transient local only if all are;
+    its partitions are those of the publishers. Without publishers nothing is changed.
 
     Args:
         profile: The profile to change.
@@ -38,11 +38,11 @@ def adapt(
         if any(reliable) and not all(reliable):
             notes.append(_note("reliable", "best effort"))
     if not keep_durability:
-        kept = [qos.transient_local for qos in offered]
+        transient = [qos.transient_local for qos in offered]
         profile.durability = (
-            DurabilityPolicy.TRANSIENT_LOCAL if all(kept) else DurabilityPolicy.VOLATILE
+            DurabilityPolicy.TRANSIENT_LOCAL if all(transient) else DurabilityPolicy.VOLATILE
         )
-        if any(kept) and not all(kept):
+        if any(transient) and not all(transient):
             notes.append(_note("transient local", "volatile"))
     # No partition and the partition "" are the same.
     partitions = {name for qos in offered for name in qos.partitions or ("",)}

@@ -19,10 +19,10 @@ from .graph_queries import Graph
 from .interrupt import Interrupt
 
 DISCOVERY_SECONDS: Final = 4.0
-# A graph without changes for so long is complete.
+# Seconds without changes after which the graph is complete.
 _QUIET: Final = 0.25
 # The same while there is no other participant, or one without endpoints: a Fast DDS participant
-# announces them again a second after discovery, if we were not ready for its first announcement.
+# announces them again a second after discovery if the first announcement was lost.
 _SLOW: Final = 1.25
 _ASK_AGAIN: Final = 0.1
 _BATCH: Final = 64
@@ -58,7 +58,7 @@ class Network:
         self.domain = domain
         self._middleware = opened
         self._interrupt = Interrupt()
-        self._taken: deque[tuple[Callable[[Received], None], Received]] = deque()
+        self._samples: deque[tuple[Callable[[Received], None], Received]] = deque()
         try:
             self.node = opened.create_node(domain, "/", f"_uros_{os.getpid()}")
             self._changed_at = time.monotonic()
@@ -102,11 +102,11 @@ class Network:
             samples = cyclone.take(reader.entity, _BATCH)
             for cdr, info in samples:
                 received = Received(cdr, info.source_timestamp, time.time_ns())
-                self._taken.append((tell, received))
-            if len(samples) == _BATCH:  # first pass these on
+                self._samples.append((deliver, received))
+            if len(samples) == _BATCH:  # deliver these samples first
                 self._middleware.context.dispatcher.requeue(reader)
 
-        def tell(received: Received) -> None:
+        def deliver(received: Received) -> None:
             if not ended:
                 on_sample(received)
 
@@ -133,11 +133,11 @@ class Network:
         end = None if seconds is None else time.monotonic() + seconds
         with self._interrupt.watched():
             while True:
-                # Called here and not where samples are taken: the callback may block on a pipe, and
-                # Ctrl-C must be able to end that.
-                while self._taken:
-                    tell, received = self._taken.popleft()
-                    tell(received)
+                # The callback runs here and not where samples are taken: it may block on a pipe,
+                # and Ctrl-C must be able to end it.
+                while self._samples:
+                    deliver, received = self._samples.popleft()
+                    deliver(received)
                 if done():
                     return True
                 now = time.monotonic()
@@ -163,26 +163,26 @@ class Network:
         its nodes, and all their endpoints are discovered.
         """
         end = time.monotonic() + seconds
-        asked: set[bytes] = set()
+        requested: set[bytes] = set()
         while (now := time.monotonic()) < end:
-            look_at = end
-            unheard = self._discovery.with_missed_discovery_info() - asked
-            if unheard:
-                look_at = self._changed_at + _ASK_AGAIN
-                if now >= look_at:
-                    asked |= unheard
+            check_at = end
+            missing = self._discovery.with_missed_discovery_info() - requested
+            if missing:
+                check_at = self._changed_at + _ASK_AGAIN
+                if now >= check_at:
+                    requested |= missing
                     self._discovery.reread_discovery_info()
                     continue
             elif not (
                 self._discovery.without_discovery_info() or self._discovery.undiscovered_endpoints()
             ):
                 slow = self.alone or self._discovery.without_endpoints()
-                look_at = self._changed_at + (_SLOW if slow else _QUIET)
-                if now >= look_at:
+                check_at = self._changed_at + (_SLOW if slow else _QUIET)
+                if now >= check_at:
                     return
-            self._wait_for_news(min(look_at, end) - now)
+            self._wait_for_change(min(check_at, end) - now)
 
-    def _wait_for_news(self, seconds: float) -> None:
+    def _wait_for_change(self, seconds: float) -> None:
         before = self._changed_at
         self.spin(lambda: self._changed_at != before, seconds)
 

@@ -98,7 +98,7 @@ class Node(node.Node):
 
 
 def _leave(node: weakref.ref[Node]) -> None:
-    """Destroy the node, whose objects the agent would keep until its client timeout otherwise."""
-    left = node()
-    if left is not None:
-        left.destroy_node()
+    """Destroy the node; otherwise the agent keeps its objects until the client timeout."""
+    remaining = node()
+    if remaining is not None:
+        remaining.destroy_node()

@@ -1,4 +1,4 @@
-"""The graph's answers, from a network that is written down here."""
+"""Queries of the ROS graph, with a network defined by each test as the source."""
 
 from dataclasses import dataclass, field
 
@@ -13,7 +13,7 @@ STRING = "std_msgs::msg::dds_::String_"
 
 
 @dataclass
-class End:
+class Endpoint:
     guid: bytes
     participant: bytes
     is_writer: bool
@@ -31,7 +31,7 @@ class Node:
 
 
 class Net:
-    """A source that tests fill."""
+    """A source of participants, nodes and endpoints that the tests add."""
 
     def __init__(self):
         self.participants, self.endpoints, self.announced = {}, {}, {}
@@ -45,7 +45,7 @@ class Net:
 
     def endpoint(self, participant, topic, type_name, is_writer, **qos):
         guid = participant[:12] + len(self.endpoints).to_bytes(4, "big")
-        self.endpoints[guid] = End(
+        self.endpoints[guid] = Endpoint(
             guid, participant, is_writer, topic, type_name, QoSProfile(**qos)
         )
         return guid
@@ -69,7 +69,7 @@ def test_an_empty_network(graph):
 
 
 def test_topics_are_those_of_ros_with_all_their_types(net, graph):
-    one = net.participant()
+    participant = net.participant()
     for topic, type_name, is_writer in [
         ("rt/b", STRING, True),
         ("rt/b", "std_msgs::msg::dds_::Int32_", False),
@@ -77,7 +77,7 @@ def test_topics_are_those_of_ros_with_all_their_types(net, graph):
         ("rq/goRequest", "std_srvs::srv::dds_::Empty_Request_", True),
         ("DCPSParticipant", "x", False),
     ]:
-        net.endpoint(one, topic, type_name, is_writer)
+        net.endpoint(participant, topic, type_name, is_writer)
     assert graph.topics() == {
         "/a": ["std_msgs/msg/String"],
         "/b": ["std_msgs/msg/Int32", "std_msgs/msg/String"],
@@ -87,9 +87,9 @@ def test_topics_are_those_of_ros_with_all_their_types(net, graph):
 
 def test_an_endpoint_knows_its_node_hash_and_history(net, graph):
     node = Node("/lab", "arm", [], [])
-    one = net.participant(CYCLONE, [node])
+    participant = net.participant(CYCLONE, [node])
     gid = net.endpoint(
-        one, "rt/x", STRING, True, depth=7, user_data=b"typehash=" + HASH.encode() + b";"
+        participant, "rt/x", STRING, True, depth=7, user_data=b"typehash=" + HASH.encode() + b";"
     )
     node.writers.append(gid)
     (info,) = graph.publishers("/x")
@@ -100,7 +100,7 @@ def test_an_endpoint_knows_its_node_hash_and_history(net, graph):
     assert graph.subscriptions("/x") == []
 
 
-def test_what_is_not_announced_is_called_as_ros2_calls_it(net, graph):
+def test_unknown_names_are_spelled_as_ros2_spells_them(net, graph):
     net.endpoint(net.participant(FAST_DDS, []), "rt/x", STRING, False)
     net.endpoint(net.participant(), "rt/x", STRING, False, user_data=b"typehash=broken;")
     bare, ros = graph.subscriptions("/x")
@@ -115,15 +115,15 @@ def test_what_is_not_announced_is_called_as_ros2_calls_it(net, graph):
 
 def test_nodes_come_and_go_with_their_participant(net, graph):
     net.participant(nodes=[Node("/", "b", [], []), Node("/lab", "a", [], [])])
-    gone = net.participant(nodes=[Node("/", "ghost", [], [])])
-    del net.participants[gone]
+    departed = net.participant(nodes=[Node("/", "ghost", [], [])])
+    del net.participants[departed]
     net.participant(nodes=[Node("/", "b", [], [])])
     assert graph.nodes() == ["/b", "/b", "/lab/a"]
 
 
-def test_what_belongs_to_a_node(net, graph):
+def test_endpoints_of_a_node(net, graph):
     node = Node("/", "arm", [], [])
-    one = net.participant(nodes=[node])
+    participant = net.participant(nodes=[node])
     for topic, type_name, is_writer in [
         ("rt/out", STRING, True),
         ("rt/in", STRING, False),
@@ -134,8 +134,8 @@ def test_what_belongs_to_a_node(net, graph):
         ("rt/fib/_action/feedback", "ex::action::dds_::Fibonacci_FeedbackMessage_", True),
         ("rt/nav/_action/feedback", "ex::action::dds_::Go_FeedbackMessage_", False),
     ]:
-        ends = node.writers if is_writer else node.readers
-        ends.append(net.endpoint(one, topic, type_name, is_writer))
+        endpoints = node.writers if is_writer else node.readers
+        endpoints.append(net.endpoint(participant, topic, type_name, is_writer))
     node.readers.append(b"not discovered yet")
     info = graph.node("/arm")
     assert info.name == "/arm"
@@ -150,17 +150,17 @@ def test_what_belongs_to_a_node(net, graph):
     assert info.action_clients == {"/nav": ["ex/action/Go"]}
 
 
-def test_a_service_that_stands_under_a_hidden_node_too_is_the_other_nodes(net, graph):
-    """As an agent with rclpy has it, whichever of the two was heard first."""
+def test_a_service_of_a_hidden_node_too_belongs_to_the_visible_node(net, graph):
+    """As with an agent that uses rclpy, whichever participant was announced first."""
     rclpy = net.participant()
     request = net.endpoint(rclpy, "rq/openRequest", "std_srvs::srv::dds_::Empty_Request_", False)
     reply = net.endpoint(rclpy, "rr/openReply", "std_srvs::srv::dds_::Empty_Response_", True)
-    ours = net.participant(CYCLONE)
-    twice = [Node("/", "gate", [request], [reply])], [Node("/", "_gate", [request], [reply])]
-    for first, second in ((ours, rclpy), (rclpy, ours)):
-        net.announced = {first: twice[first == rclpy], second: twice[second == rclpy]}
+    own = net.participant(CYCLONE)
+    nodes = [Node("/", "gate", [request], [reply])], [Node("/", "_gate", [request], [reply])]
+    for first, second in ((own, rclpy), (rclpy, own)):
+        net.announced = {first: nodes[first == rclpy], second: nodes[second == rclpy]}
         assert graph.nodes() == ["/gate"]
-        assert [it.node_name for it in graph.servers("/open")] == ["gate"]
-    lone = [Node("/", "_alone", [request], [])]  # hidden, and what it has is its own
-    net.announced = {rclpy: lone, ours: [Node("/", "alone", [], [])]}
+        assert [server.node_name for server in graph.servers("/open")] == ["gate"]
+    hidden = [Node("/", "_alone", [request], [])]  # a hidden node with endpoints of its own
+    net.announced = {rclpy: hidden, own: [Node("/", "alone", [], [])]}
     assert graph.nodes() == ["/_alone", "/alone"]

@@ -1,4 +1,4 @@
-"""The graph's answers about services, from a network that is written down here."""
+"""Queries of services in the ROS graph, with a network defined by each test as the source."""
 
 from dataclasses import dataclass, field
 
@@ -9,7 +9,7 @@ TRIGGER = "std_srvs::srv::dds_::Trigger_"
 
 
 @dataclass
-class End:
+class Endpoint:
     guid: bytes
     participant: bytes
     is_writer: bool
@@ -24,7 +24,7 @@ class Net:
 
     def add(self, participant, topic, type_name, is_writer):
         guid = bytes([len(self.endpoints)]) * 16
-        self.endpoints[guid] = End(guid, participant, is_writer, topic, type_name)
+        self.endpoints[guid] = Endpoint(guid, participant, is_writer, topic, type_name)
         return guid
 
     def serve(self, participant, name):

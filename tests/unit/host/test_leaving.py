@@ -1,4 +1,4 @@
-"""A program with a board's node on CPython ends: its agent must know at once."""
+"""A board's node on CPython closes its session when its program ends."""
 
 import signal
 import subprocess
@@ -20,14 +20,14 @@ publisher = node.create_publisher(Int32, "count", 10)
 node.create_timer(0.05, lambda: publisher.publish(Int32()))
 while not publisher.published:
     node.spin_once(0.1)
-{then}
+{ending}
 """
 
 
-@pytest.mark.parametrize("then", ["node.spin()", "1 / 0"])
-def test_a_node_takes_leave_of_its_agent_however_its_program_ends(then):
+@pytest.mark.parametrize("ending", ["node.spin()", "1 / 0"])
+def test_a_node_closes_its_session_however_its_program_ends(ending):
     with running_agent("udp", "memory") as agent:
-        program = PROGRAM.format(port=agent.transport.port, then=then)
+        program = PROGRAM.format(port=agent.transport.port, ending=ending)
         with default_signals():
             process = subprocess.Popen(
                 [sys.executable, "-c", program],
@@ -36,7 +36,7 @@ def test_a_node_takes_leave_of_its_agent_however_its_program_ends(then):
             )
         try:
             eventually(lambda: "datawriter created" in agent.said.getvalue())
-            if then == "node.spin()":
+            if ending == "node.spin()":
                 process.send_signal(signal.SIGINT)
             process.wait(SECONDS)
         finally:

@@ -1,3 +1,5 @@
+"""QoS profiles that match all publishers of a topic."""
+
 import pytest
 
 from uros.host.matching import adapt
@@ -27,14 +29,16 @@ def offers(*pairs):
         ([(R.RELIABLE, D.TRANSIENT), (R.RELIABLE, D.PERSISTENT)], R.RELIABLE, D.TRANSIENT_LOCAL, 0),
     ],
 )
-def test_only_what_all_publishers_offer(offered, reliability, durability, notes):
+def test_only_policies_that_all_publishers_offer_are_requested(
+    offered, reliability, durability, notes
+):
     profile = QoSProfile(5, R.BEST_EFFORT)
     assert len(adapt(profile, offers(*offered))) == notes
     assert (profile.reliability, profile.durability) == (reliability, durability)
     assert profile.depth == 5
 
 
-def test_what_was_asked_for_stays():
+def test_requested_policies_are_kept():
     profile = QoSProfile(reliability=R.BEST_EFFORT, durability=D.VOLATILE)
     offered = offers((R.RELIABLE, D.TRANSIENT_LOCAL))
     assert adapt(profile, offered, keep_reliability=True) == []

@@ -1,4 +1,4 @@
-"""A domain of one process: our node, its graph, and what it hears, through real DDS."""
+"""Network in a domain of one process: its node, its graph and its samples, over real DDS."""
 
 import select
 import signal
@@ -19,8 +19,8 @@ HELLO = b"\0\1\0\0\6\0\0\0hello\0"
 
 @pytest.fixture
 def network(own_domain_id):
-    with Network(own_domain_id) as joined:
-        yield joined
+    with Network(own_domain_id) as network:
+        yield network
 
 
 def publisher(network, topic, **qos):
@@ -60,37 +60,37 @@ def test_endpoints_come_with_their_qos_and_go(network):
 
 
 def test_listening(network):
-    heard = []
-    end = network.listen("/x", STRING, QoSProfile(), heard.append)
+    samples = []
+    stop = network.listen("/x", STRING, QoSProfile(), samples.append)
     writer = publisher(network, "/x")
     writer.write(HELLO)
-    assert network.spin(lambda: heard, 10)
-    assert heard[0].cdr[:14] == HELLO
-    assert 0 < heard[0].source_ns <= heard[0].received_ns
+    assert network.spin(lambda: samples, 10)
+    assert samples[0].cdr[:14] == HELLO
+    assert 0 < samples[0].source_ns <= samples[0].received_ns
     assert network.spin(lambda: network.graph.subscriptions("/x"), 10)
     (subscription,) = network.graph.subscriptions("/x")
     assert subscription.type_name == STRING
-    end()
-    end()
+    stop()
+    stop()
     assert network.spin(lambda: not network.graph.subscriptions("/x"), 10)
 
 
-def test_late_listeners_get_what_is_kept(network):
-    kept = {"durability": DurabilityPolicy.TRANSIENT_LOCAL, "depth": 1}
-    publisher(network, "/x", **kept).write(HELLO)
-    heard = []
-    network.listen("/x", STRING, QoSProfile(**kept), heard.append)
-    assert network.spin(lambda: heard, 10)
+def test_late_listeners_get_transient_local_samples(network):
+    qos = {"durability": DurabilityPolicy.TRANSIENT_LOCAL, "depth": 1}
+    publisher(network, "/x", **qos).write(HELLO)
+    samples = []
+    network.listen("/x", STRING, QoSProfile(**qos), samples.append)
+    assert network.spin(lambda: samples, 10)
 
 
 def test_more_than_one_batch_is_taken_at_once(network):
-    heard = []
+    samples = []
     deep = {"depth": 500, "reliability": ReliabilityPolicy.RELIABLE}
-    network.listen("/x", STRING, QoSProfile(**deep), heard.append)
+    network.listen("/x", STRING, QoSProfile(**deep), samples.append)
     writer = publisher(network, "/x", **deep)
     for _ in range(200):
         assert writer.write(HELLO)
-    assert network.spin(lambda: len(heard) == 200, 10)
+    assert network.spin(lambda: len(samples) == 200, 10)
 
 
 def test_time_limits_of_a_spin(network):
@@ -98,22 +98,22 @@ def test_time_limits_of_a_spin(network):
     assert not network.spin(lambda: False, 0.01)
 
 
-def test_who_has_ended_listening_hears_nothing_more(network):
-    """Not even what had been taken already."""
-    heard = []
+def test_an_ended_subscription_delivers_no_more_samples(network):
+    """Samples that were taken before the end of the subscription are dropped too."""
+    samples = []
 
-    def once(got):
-        heard.append(got)
-        end()
+    def once(sample):
+        samples.append(sample)
+        stop()
 
-    end = network.listen("/x", STRING, QoSProfile(), once)
-    others = []
-    network.listen("/x", STRING, QoSProfile(), others.append)
+    stop = network.listen("/x", STRING, QoSProfile(), once)
+    further = []
+    network.listen("/x", STRING, QoSProfile(), further.append)
     writer = publisher(network, "/x")
     for _ in range(3):
         writer.write(HELLO)
-    assert network.spin(lambda: len(others) == 3, 10)
-    assert len(heard) == 1
+    assert network.spin(lambda: len(further) == 3, 10)
+    assert len(samples) == 1
 
 
 # --- Ctrl-C ---------------------------------------------------------------------------------
@@ -121,10 +121,10 @@ def test_who_has_ended_listening_hears_nothing_more(network):
 
 @default_signals()
 def test_ctrl_c_waits_until_samples_are_taken(network, monkeypatch):
-    """Within Cyclone's binding it would become another error."""
-    heard = []
+    """An interrupt within Cyclone's binding would become a different error."""
+    samples = []
     network.settle()
-    network.listen("/x", STRING, QoSProfile(), heard.append)
+    network.listen("/x", STRING, QoSProfile(), samples.append)
     publisher(network, "/x").write(HELLO)
     dispatch = network._middleware.dispatch
     dispatched = []
@@ -132,7 +132,7 @@ def test_ctrl_c_waits_until_samples_are_taken(network, monkeypatch):
     def pressed_meanwhile():
         signal.raise_signal(signal.SIGINT)
         dispatch()
-        dispatched.append(len(heard))
+        dispatched.append(len(samples))
 
     with monkeypatch.context() as pressed:
         pressed.setattr(network._middleware, "dispatch", pressed_meanwhile)
@@ -140,12 +140,12 @@ def test_ctrl_c_waits_until_samples_are_taken(network, monkeypatch):
             network.spin(lambda: False, 10)
     assert dispatched == [0]
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    assert network.spin(lambda: heard, 10)
+    assert network.spin(lambda: samples, 10)
 
 
 @default_signals()
 def test_ctrl_c_just_before_the_wait_ends_it(network, monkeypatch):
-    """Python itself would only hear of it when the wait is over."""
+    """Without the wakeup fd, Python would handle the signal only after the wait."""
 
     class Late:
         times = []
@@ -166,13 +166,13 @@ def test_ctrl_c_just_before_the_wait_ends_it(network, monkeypatch):
 
 
 @default_signals()
-def test_ctrl_c_ends_what_a_listener_does(network):
-    """It may wait for a terminal or a pipe."""
+def test_ctrl_c_ends_a_listeners_callback(network):
+    """A listener that blocks on a terminal or a pipe is interrupted."""
     after = []
 
-    def pressed_meanwhile(got):
+    def pressed_meanwhile(sample):
         signal.raise_signal(signal.SIGINT)
-        after.append(got)
+        after.append(sample)
 
     network.listen("/x", STRING, QoSProfile(), pressed_meanwhile)
     publisher(network, "/x").write(HELLO)

@@ -1,4 +1,4 @@
-"""The host's node: how it joins, what it takes and when, and how it goes."""
+"""The host's node: joining the network, taking samples, services, Ctrl-C and leaving."""
 
 import select
 import signal
@@ -43,15 +43,15 @@ def bus():
 
 @pytest.fixture
 def join(bus):
-    """Nodes on the bus."""
-    made = []
+    """Creates nodes on the bus."""
+    nodes = []
 
     def join(name="node", **options):
-        made.append(Node(name, Direct(MemoryMiddleware(bus)), **options))
-        return made[-1]
+        nodes.append(Node(name, Direct(MemoryMiddleware(bus)), **options))
+        return nodes[-1]
 
     yield join
-    for node in made:
+    for node in nodes:
         node.destroy_node()
 
 
@@ -61,8 +61,8 @@ def node(join):
 
 
 @pytest.fixture
-def other(bus):
-    """A node of the bus that is not ours: middleware only."""
+def peer(bus):
+    """A peer's node on the bus, without uros.Node."""
     middleware = MemoryMiddleware(bus)
     yield middleware.create_node(0, "/", "other")
     middleware.close()
@@ -73,7 +73,7 @@ def int32(value):
 
 
 def work(node):
-    """Do what there is to do."""
+    """Spin until no callback is ready."""
     while node.spin_once(0):
         pass
 
@@ -81,14 +81,14 @@ def work(node):
 # --- joining ------------------------------------------------------------------------------
 
 
-def test_uros_offers_it():
+def test_uros_has_the_hosts_node():
     assert uros.Node is Node
     with pytest.raises(AttributeError, match="Nod"):
         uros.Nod  # noqa: B018
     assert not hasattr(uros, "__wrapped__")
 
 
-def test_on_a_board_uros_offers_the_boards():
+def test_on_a_board_uros_has_the_boards_node():
     program = (
         "import sys\n"
         "sys.modules['uros.host'] = None\n"  # importing it is an ImportError
@@ -105,7 +105,7 @@ def test_a_node_and_its_endpoints_are_in_the_graph_until_destroyed(join, bus):
     node.create_publisher(Int32, "/x")
     node.create_subscription(Int32, "y", print)
     node.create_service(Trigger, "/go", print)
-    assert [it.full_name for it in bus.nodes] == ["/garden/weather"]
+    assert [entry.full_name for entry in bus.nodes] == ["/garden/weather"]
     assert list(bus.writers) == [(0, "rt/x"), (0, "rr/goReply")]
     assert list(bus.readers) == [(0, "rt/garden/y"), (0, "rq/goRequest")]
     node.destroy_node()
@@ -113,19 +113,19 @@ def test_a_node_and_its_endpoints_are_in_the_graph_until_destroyed(join, bus):
 
 
 def test_a_destroyed_entity_leaves_the_graph(node, bus):
-    made = [
+    entities = [
         node.create_publisher(Int32, "/x"),
         node.create_subscription(Int32, "/y", print),
         node.create_service(Trigger, "/go", print),
         node.create_client(Trigger, "/come"),
     ]
     assert len(bus.writers) == len(bus.readers) == 3
-    for entity in made:
+    for entity in entities:
         entity.destroy()
     assert not (bus.writers or bus.readers) and len(bus.nodes) == 1
 
 
-def test_it_is_connected_from_the_start_and_not_when_destroyed(node):
+def test_a_node_is_connected_from_the_start_until_destroyed(node):
     states = []
     node.on_state = states.append
     assert node.state == AGENT_CONNECTED
@@ -160,7 +160,7 @@ def test_a_callback_for_the_state_that_raises_is_printed(node, capsys):
 
 def test_the_clock_is_the_hosts(node):
     stamp = Time()
-    before = time.time_ns() - 1000  # it tells microseconds
+    before = time.time_ns() - 1000  # the clock has microseconds
     seconds, nanoseconds = node.clock.now()
     node.clock.stamp(stamp)
     after = time.time_ns()
@@ -188,20 +188,20 @@ def test_a_domain_that_is_no_number(monkeypatch, text):
     uros.Node("node", domain_id=3).destroy_node()
 
 
-@pytest.mark.parametrize(("given", "joined"), [(None, 7), (0, 0), (9, 9)])
-def test_it_joins_by_dds_in_the_domain_given_or_the_environments(monkeypatch, given, joined):
+@pytest.mark.parametrize(("given", "domain"), [(None, 7), (0, 0), (9, 9)])
+def test_a_node_joins_by_dds_in_the_domain_given_or_the_environments(monkeypatch, given, domain):
     monkeypatch.setenv("ROS_DOMAIN_ID", "7")
     opened = []
 
-    def open_it(name):
+    def open_middleware_stub(name):
         opened.append(MemoryMiddleware())
         opened.append(name)
         return opened[0]
 
-    monkeypatch.setattr("uros.host.node.open_middleware", open_it)
+    monkeypatch.setattr("uros.host.node.open_middleware", open_middleware_stub)
     node = uros.Node("node", domain_id=given)
     assert opened[1:] == ["dds"]
-    assert [it.domain for it in opened[0].bus.nodes] == [node.domain_id] == [joined]
+    assert [entry.domain for entry in opened[0].bus.nodes] == [node.domain_id] == [domain]
     node.destroy_node()
 
 
@@ -210,7 +210,7 @@ def test_it_joins_by_dds_in_the_domain_given_or_the_environments(monkeypatch, gi
     [("a/b", {}, ValueError), ("a", {"namespace": "1"}, ValueError),
      ("a", {"domain_id": 233}, MiddlewareError)],
 )  # fmt: skip
-def test_what_cannot_be_leaves_nothing_open(monkeypatch, name, options, error):
+def test_a_node_that_cannot_be_created_leaves_no_middleware_open(monkeypatch, name, options, error):
     opened = []
 
     class Closing(MemoryMiddleware):
@@ -218,17 +218,17 @@ def test_what_cannot_be_leaves_nothing_open(monkeypatch, name, options, error):
             opened.remove(self)
             super().close()
 
-    def open_it(name):
+    def open_middleware_stub(name):
         opened.append(Closing())
         return opened[-1]
 
-    monkeypatch.setattr("uros.host.node.open_middleware", open_it)
+    monkeypatch.setattr("uros.host.node.open_middleware", open_middleware_stub)
     with pytest.raises(error):
         uros.Node(name, **options)
     assert opened == []
 
 
-def test_with_a_transport_it_is_the_boards():
+def test_with_a_transport_it_is_a_boards_node():
     line = UdpTransport("127.0.0.1", 8888)
     node = uros.Node("node", line, key=7)
     assert (node.state, node.domain_id) == (WAITING_AGENT, 0)
@@ -239,25 +239,25 @@ def test_with_a_transport_it_is_the_boards():
 def test_nodes_share_a_connection(join, bus):
     first = join("first")
     second = Node("second", first.connection)
-    came = []
-    first.create_subscription(Int32, "/x", came.append)
+    messages = []
+    first.create_subscription(Int32, "/x", messages.append)
     assert second.create_publisher(Int32, "/x").publish(Int32(data=1))
     work(first)
-    assert came == [Int32(data=1)]
+    assert messages == [Int32(data=1)]
     publisher = first.create_publisher(Int32, "/x")
     first.destroy_node()
     assert publisher.publish(Int32(data=1)) is False
-    assert [it.full_name for it in bus.nodes] == ["/second"]
+    assert [entry.full_name for entry in bus.nodes] == ["/second"]
     assert second.create_publisher(Int32, "/y").publish(Int32(data=2))
     second.destroy_node()
     assert bus.nodes == []
 
 
-def test_a_second_node_stands_in_the_domain_of_the_first(bus):
+def test_a_second_node_is_in_the_domain_of_the_first(bus):
     first = Node("first", Direct(MemoryMiddleware(bus), 5))
     second = Node("second", first.connection)
     third = Node("third", first.connection, domain_id=6)
-    assert [it.domain for it in bus.nodes] == [5, 5, 6]
+    assert [entry.domain for entry in bus.nodes] == [5, 5, 6]
     for node in (first, second, third):
         node.destroy_node()
 
@@ -283,55 +283,57 @@ def test_a_publisher_without_room_drops_and_counts(node, monkeypatch):
     assert (publisher.published, publisher.dropped) == (1, 1)
 
 
-def test_slow_callbacks_leave_samples_to_the_middleware(node, other):
-    """The last depth of them are kept there, beside those that were taken already."""
-    came = []
-    subscription = node.create_subscription(Int32, "/x", came.append, 3)
-    writer = other.create_writer("rt/x", INT32, QoSProfile(100))
+def test_slow_callbacks_leave_samples_to_the_middleware(node, peer):
+    """The middleware keeps the last samples up to the depth, beside one that was taken before."""
+    messages = []
+    subscription = node.create_subscription(Int32, "/x", messages.append, 3)
+    writer = peer.create_writer("rt/x", INT32, QoSProfile(100))
     writer.write(int32(0))
     node.connection.pump(0)
     for i in range(1, 100):
         writer.write(int32(i))
         node.connection.pump(0)
     work(node)
-    assert [message.data for message in came] == [0, 97, 98, 99]
+    assert [message.data for message in messages] == [0, 97, 98, 99]
     assert subscription.lost == 0
     writer.write(int32(100))
     work(node)
-    assert came[-1].data == 100
+    assert messages[-1].data == 100
 
 
-def test_everything_arrives_of_what_all_is_kept(node, other):
-    came = []
-    node.create_subscription(Int32, "/x", came.append, QoSProfile(history=HistoryPolicy.KEEP_ALL))
-    writer = other.create_writer("rt/x", INT32, QoSProfile(10))
+def test_keep_all_delivers_every_sample(node, peer):
+    messages = []
+    node.create_subscription(
+        Int32, "/x", messages.append, QoSProfile(history=HistoryPolicy.KEEP_ALL)
+    )
+    writer = peer.create_writer("rt/x", INT32, QoSProfile(10))
     for i in range(1000):
         writer.write(int32(i))
     work(node)
-    assert [message.data for message in came] == list(range(1000))
+    assert [message.data for message in messages] == list(range(1000))
 
 
-def test_a_depth_of_nothing_is_one(own_domain_id):
+def test_a_depth_of_zero_is_one(own_domain_id):
     node = Node("node", Direct(open_middleware("dds"), own_domain_id))
-    came = []
-    node.create_subscription(Int32, "/x", came.append, 0)
+    messages = []
+    node.create_subscription(Int32, "/x", messages.append, 0)
     assert node.create_publisher(Int32, "/x").publish(Int32(data=1))
     work(node)
-    assert came == [Int32(data=1)]
+    assert messages == [Int32(data=1)]
     node.destroy_node()
 
 
-def test_deep_histories_are_taken_in_portions(node, other, bus):
-    came = []
-    node.create_subscription(Int32, "/x", came.append, 100)
-    writer = other.create_writer("rt/x", INT32, QoSProfile())
+def test_deep_histories_are_taken_in_portions(node, peer, bus):
+    messages = []
+    node.create_subscription(Int32, "/x", messages.append, 100)
+    writer = peer.create_writer("rt/x", INT32, QoSProfile())
     for i in range(50):
         writer.write(int32(i))
     node.connection.pump(0)
     ((reader,),) = [bus.readers[0, "rt/x"]]
     assert len(reader.take(100)) == 18
     work(node)
-    assert [message.data for message in came] == list(range(32))
+    assert [message.data for message in messages] == list(range(32))
 
 
 @pytest.mark.parametrize(
@@ -342,39 +344,39 @@ def test_deep_histories_are_taken_in_portions(node, other, bus):
         b"\1\1\0\0\1\0\0\0",
     ],
 )
-def test_what_cannot_be_read_is_counted_and_passed_over(node, other, sample):
-    came = []
-    subscription = node.create_subscription(Int32, "/x", came.append)
-    writer = other.create_writer("rt/x", INT32, QoSProfile())
+def test_malformed_samples_are_counted_and_dropped(node, peer, sample):
+    messages = []
+    subscription = node.create_subscription(Int32, "/x", messages.append)
+    writer = peer.create_writer("rt/x", INT32, QoSProfile())
     writer.write(sample)
     writer.write(int32(1))
     work(node)
-    assert came == [Int32(data=1)] and subscription.malformed == 1
+    assert messages == [Int32(data=1)] and subscription.malformed == 1
 
 
-def test_big_endian_samples(node, other):
-    came = []
-    node.create_subscription(Int32, "/x", came.append)
-    other.create_writer("rt/x", INT32, QoSProfile()).write(b"\0\0\0\0\0\0\1\2")
+def test_big_endian_samples(node, peer):
+    messages = []
+    node.create_subscription(Int32, "/x", messages.append)
+    peer.create_writer("rt/x", INT32, QoSProfile()).write(b"\0\0\0\0\0\0\1\2")
     work(node)
-    assert came == [Int32(data=258)]
+    assert messages == [Int32(data=258)]
 
 
-def test_another_type_on_the_topic_is_told_once(node, other, capsys):
+def test_a_different_type_on_the_topic_is_reported_once(node, peer, capsys):
     node.create_subscription(Int32, "/x", print)
-    other.create_writer("rt/x", String._DDS_TYPE, QoSProfile())
+    peer.create_writer("rt/x", String._DDS_TYPE, QoSProfile())
     node.create_publisher(Int32, "/x")
     node.create_publisher(Int32, "/x")
-    said = capsys.readouterr().err
-    assert said.count("/x is std_msgs/msg/Int32 here, and std_msgs/msg/String elsewhere") == 1
-    assert said.count("\n") == 1
+    stderr = capsys.readouterr().err
+    assert stderr.count("/x is std_msgs/msg/Int32 here, and std_msgs/msg/String elsewhere") == 1
+    assert stderr.count("\n") == 1
 
 
 # --- waiting --------------------------------------------------------------------------------
 
 
 class Selects:
-    """Stands for the module select: keeps the times, and says when it is waited in."""
+    """Replaces the module select: records the timeouts, and sets an event at the first call."""
 
     def __init__(self):
         self.times = []
@@ -392,12 +394,12 @@ def test_a_sample_wakes_the_node_which_does_not_poll(monkeypatch, own_domain_id,
         return MemoryMiddleware(bus) if kind == "memory" else open_middleware("dds")
 
     node = Node("node", Direct(middleware(), own_domain_id))
-    other = Node("other", Direct(middleware(), own_domain_id))
-    came = []
-    node.create_subscription(Int32, "/x", came.append)
-    publisher = other.create_publisher(Int32, "/x")
-    other.spin_once(0.2)
-    node.spin_once(0.2)  # what it has to announce is announced
+    peer = Node("peer", Direct(middleware(), own_domain_id))
+    messages = []
+    node.create_subscription(Int32, "/x", messages.append)
+    publisher = peer.create_publisher(Int32, "/x")
+    peer.spin_once(0.2)
+    node.spin_once(0.2)  # sends all pending announcements
     selects = Selects()
     monkeypatch.setattr(interrupt, "select", selects)
 
@@ -411,17 +413,17 @@ def test_a_sample_wakes_the_node_which_does_not_poll(monkeypatch, own_domain_id,
     assert node.spin_once(20.0)
     assert time.monotonic() - start < 10
     thread.join()
-    assert came == [Int32(data=1)] and len(selects.times) <= 3
+    assert messages == [Int32(data=1)] and len(selects.times) <= 3
     node.destroy_node()
-    other.destroy_node()
+    peer.destroy_node()
 
 
-def test_it_works_in_any_thread(bus):
-    came = []
+def test_a_node_works_in_any_thread(bus):
+    messages = []
 
     def run():
         node = Node("node", Direct(MemoryMiddleware(bus)))
-        node.create_subscription(Int32, "/x", came.append)
+        node.create_subscription(Int32, "/x", messages.append)
         node.create_publisher(Int32, "/x").publish(Int32(data=1))
         node.spin_once(10.0)
         node.destroy_node()
@@ -429,27 +431,27 @@ def test_it_works_in_any_thread(bus):
     thread = threading.Thread(target=run)
     thread.start()
     thread.join()
-    assert came == [Int32(data=1)]
+    assert messages == [Int32(data=1)]
 
 
-def test_samples_that_no_callback_may_take_yet_do_not_keep_it_awake(monkeypatch, node, other):
-    came = []
-    node.create_subscription(Int32, "/x", came.append, 1)
-    node.create_subscription(Int32, "/y", came.append, 1)
+def test_samples_that_no_callback_may_take_yet_do_not_wake_the_node(monkeypatch, node, peer):
+    messages = []
+    node.create_subscription(Int32, "/x", messages.append, 1)
+    node.create_subscription(Int32, "/y", messages.append, 1)
     node.executor.trigger = trigger_all
-    writer = other.create_writer("rt/x", INT32, QoSProfile())
+    writer = peer.create_writer("rt/x", INT32, QoSProfile())
     selects = Selects()
     monkeypatch.setattr(interrupt, "select", selects)
     for i in range(2):
         writer.write(int32(i))
         assert not node.spin_once(0.02)
     assert len(selects.times) <= 6
-    other.create_writer("rt/y", INT32, QoSProfile()).write(int32(5))
+    peer.create_writer("rt/y", INT32, QoSProfile()).write(int32(5))
     work(node)
-    assert [message.data for message in came] == [0, 5]
+    assert [message.data for message in messages] == [0, 5]
 
 
-def test_an_answer_without_room_is_tried_again_soon(monkeypatch, node, other):
+def test_a_reply_without_room_is_sent_again_soon(monkeypatch, node, peer):
     def go(request, response):
         asked.append(request)
         response.message = str(len(asked))
@@ -457,7 +459,7 @@ def test_an_answer_without_room_is_tried_again_soon(monkeypatch, node, other):
 
     asked = []
     node.create_service(Trigger, "/go", go)
-    requester = other.create_requester(TRIGGER, services_profile(), lambda: None)
+    requester = peer.create_requester(TRIGGER, services_profile(), lambda: None)
     numbers = [requester.request(to_cdr(Trigger.Request())) for _ in range(3)]
     selects = Selects()
     monkeypatch.setattr(interrupt, "select", selects)
@@ -477,22 +479,22 @@ def test_an_answer_without_room_is_tried_again_soon(monkeypatch, node, other):
 
 
 @pytest.fixture
-def asking(node, other):
-    """A client of ours, and the replier that it asks."""
+def asking(node, peer):
+    """A client of the node, and the peer's replier."""
     client = node.create_client(Trigger, "/go")
-    return client, other.create_replier(TRIGGER, services_profile(), lambda: None)
+    return client, peer.create_replier(TRIGGER, services_profile(), lambda: None)
 
 
 def requester_of(client):
-    """The middleware's."""
-    return client.node.connection._ends[client.number]._requester
+    """Return the middleware's requester of a client."""
+    return client.node.connection._endpoints[client.number]._requester
 
 
 def reply(text):
     return to_cdr(Trigger.Response(message=text))
 
 
-def test_answers_may_come_in_any_order(node, asking):
+def test_replies_may_arrive_in_any_order(node, asking):
     client, replier = asking
     futures = [client.call_async(Trigger.Request()) for _ in range(3)]
     requests = replier.take(9)
@@ -500,10 +502,10 @@ def test_answers_may_come_in_any_order(node, asking):
         replier.reply(guid, sequence, reply(str(sequence)))
     work(node)
     assert [future.result().message for future in futures] == ["1", "2", "3"]
-    assert not node.connection._ends[client.number]._asked
+    assert not node.connection._endpoints[client.number]._sequences
 
 
-def test_answers_that_nobody_waits_for_are_passed_over(node, asking):
+def test_replies_to_no_pending_request_are_dropped(node, asking):
     client, replier = asking
     future = client.call_async(Trigger.Request())
     ((guid, sequence, _),) = replier.take(9)
@@ -516,7 +518,7 @@ def test_answers_that_nobody_waits_for_are_passed_over(node, asking):
     assert future.result().message == "right"
 
 
-def test_a_big_endian_answer(node, asking):
+def test_a_big_endian_reply(node, asking):
     client, replier = asking
     future = client.call_async(Trigger.Request())
     ((guid, sequence, _),) = replier.take(9)
@@ -525,7 +527,7 @@ def test_a_big_endian_answer(node, asking):
     assert future.result() == Trigger.Response(success=True, message="ok")
 
 
-def test_request_numbers_go_round(node, asking):
+def test_request_ids_wrap_around(node, asking):
     client, replier = asking
     requester = requester_of(client)
     for sequence in (0xFFFD, 0xFFFE, 0xFFFF, 0x10000, 0x1FFFE, 2**40):
@@ -546,7 +548,7 @@ def test_a_request_without_room_fails_at_once(node, asking, monkeypatch):
         future.result()
 
 
-def test_a_malformed_answer_fails_the_future(node, asking):
+def test_a_malformed_reply_fails_the_future(node, asking):
     client, replier = asking
     future = client.call_async(Trigger.Request())
     ((guid, sequence, _),) = replier.take(9)
@@ -567,7 +569,7 @@ node.spin()
 """
 
 
-def test_a_closed_connection_drops_what_is_published(node):
+def test_a_closed_connection_drops_published_messages(node):
     publisher = node.create_publisher(Int32, "/x")
     client = node.create_client(Trigger, "/go")
     node.connection.close()
@@ -578,10 +580,10 @@ def test_a_closed_connection_drops_what_is_published(node):
 
 
 @default_signals()
-def test_ctrl_c_waits_until_samples_are_taken(node, other, monkeypatch):
-    """Within Cyclone's binding it would become another error."""
-    came = []
-    node.create_subscription(Int32, "/x", came.append)
+def test_ctrl_c_waits_until_samples_are_taken(node, peer, monkeypatch):
+    """An interrupt within Cyclone's binding would become a different error."""
+    messages = []
+    node.create_subscription(Int32, "/x", messages.append)
     dispatch = node.connection.middleware.dispatch
 
     def pressed_meanwhile():
@@ -589,7 +591,7 @@ def test_ctrl_c_waits_until_samples_are_taken(node, other, monkeypatch):
         dispatch()
 
     monkeypatch.setattr(node.connection.middleware, "dispatch", pressed_meanwhile)
-    writer = other.create_writer("rt/x", INT32, QoSProfile())
+    writer = peer.create_writer("rt/x", INT32, QoSProfile())
     writer.write(int32(1))
     with pytest.raises(KeyboardInterrupt):
         node.spin_once(0)
@@ -598,12 +600,12 @@ def test_ctrl_c_waits_until_samples_are_taken(node, other, monkeypatch):
     node.spin()
     monkeypatch.undo()
     work(node)
-    assert came == [Int32(data=1), Int32(data=2)]
+    assert messages == [Int32(data=1), Int32(data=2)]
 
 
 @default_signals()
 def test_ctrl_c_just_before_the_wait_ends_it(node, monkeypatch):
-    """Python itself would only hear of it when the wait is over."""
+    """Without the wakeup fd, Python would handle the signal only after the wait."""
 
     class Late(Selects):
         def select(self, *arguments):
@@ -618,7 +620,7 @@ def test_ctrl_c_just_before_the_wait_ends_it(node, monkeypatch):
 
 
 @default_signals()
-def test_other_signals_do_not_keep_it_awake(node, monkeypatch):
+def test_other_signals_do_not_wake_the_node(node, monkeypatch):
     class Late(Selects):
         def select(self, *arguments):
             if not self.times:
@@ -645,7 +647,7 @@ def test_ctrl_c_ends_a_callback(node):
 
 
 @default_signals()
-def test_a_program_with_its_own_handler_keeps_it(node, other, monkeypatch):
+def test_a_program_with_its_own_handler_keeps_it(node, peer, monkeypatch):
     pressed = []
     dispatch = node.connection.middleware.dispatch
 
@@ -656,7 +658,7 @@ def test_a_program_with_its_own_handler_keeps_it(node, other, monkeypatch):
 
     monkeypatch.setattr(node.connection.middleware, "dispatch", pressed_meanwhile)
     node.create_subscription(Int32, "/x", print)
-    other.create_writer("rt/x", INT32, QoSProfile()).write(int32(1))
+    peer.create_writer("rt/x", INT32, QoSProfile()).write(int32(1))
     before = signal.signal(signal.SIGINT, lambda number, frame: pressed.append(number))
     try:
         node.spin_once(0)
@@ -681,22 +683,22 @@ def test_three_lines_end_with_ctrl_c_and_leave_the_network(monkeypatch, own_doma
             timer = publisher.create_timer(
                 0.02, lambda: sending.publish(Temperature(temperature=21.5))
             )
-            heard = []
+            lines = []
             reading = threading.Thread(
-                target=lambda: heard.append(process.stdout.readline()), daemon=True
+                target=lambda: lines.append(process.stdout.readline()), daemon=True
             )
             reading.start()
             deadline = time.monotonic() + 20
-            while not heard:
-                assert time.monotonic() < deadline, "it hears nothing"
+            while not lines:
+                assert time.monotonic() < deadline, "no message was received"
                 publisher.spin_once(0.1)
             timer.cancel()
             publisher.destroy_node()
-            assert "temperature=21.5" in heard[0]
+            assert "temperature=21.5" in lines[0]
             process.send_signal(signal.SIGINT)
             _, errors = process.communicate(timeout=20)
             assert errors == "" and process.returncode == 0, errors
-            # Who does not say goodbye is missed after ten seconds.
+            # A participant that is not deleted expires only after ten seconds.
             assert network.spin(lambda: "/listener" not in network.graph.nodes(), 5)
         finally:
             process.kill()

@@ -1,4 +1,4 @@
-"""What a host's node offers as a board's does: parameters, a log, a life cycle, transforms."""
+"""Services of a host's node, as of a board's: parameters, log, life cycle, transforms."""
 
 import time
 
@@ -27,21 +27,21 @@ LATCHED = QoSProfile(100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 @pytest.fixture
 def nodes():
-    """Makes nodes on one network; ``nodes.until(done)`` lets all of them work."""
+    """Creates nodes on one network; ``nodes.until(done)`` spins all of them."""
 
     class Nodes:
         bus = Bus()
-        made = []
+        created = []
 
         def __call__(self, name, make=uros.Node, **options):
-            self.made.append(make(name, Direct(MemoryMiddleware(self.bus)), **options))
-            return self.made[-1]
+            self.created.append(make(name, Direct(MemoryMiddleware(self.bus)), **options))
+            return self.created[-1]
 
         def until(self, done):
             deadline = time.monotonic() + SECONDS
             while not done():
-                assert time.monotonic() < deadline, "it does not come"
-                for node in self.made:
+                assert time.monotonic() < deadline, "the condition did not become true"
+                for node in self.created:
                     node.spin_once(0.005)
 
         def call(self, node, type_name, service, **fields):
@@ -52,13 +52,13 @@ def nodes():
             return future.result()
 
     nodes = Nodes()
-    nodes.made = []
+    nodes.created = []
     yield nodes
-    for node in nodes.made:
+    for node in nodes.created:
         node.destroy_node()
 
 
-def test_parameters_are_read_set_and_told(nodes, tmp_path):
+def test_parameters_are_read_set_and_announced(nodes, tmp_path):
     node, other = nodes("arm", namespace="left"), nodes("other")
     events = []
     event = load("rcl_interfaces/msg/ParameterEvent")
@@ -85,10 +85,10 @@ def test_parameters_are_read_set_and_told(nodes, tmp_path):
 
     assert set(8) == (True, "") and set(7) == (False, "not 7")
     assert not set(10)[0] and "out of range" in set(10)[1]
-    got = nodes.call(
+    values = nodes.call(
         other, "rcl_interfaces/srv/GetParameters", "/left/arm/get_parameters", names=["speed"]
     )
-    assert [it.integer_value for it in got.values] == [8]
+    assert [entry.integer_value for entry in values.values] == [8]
     described = nodes.call(
         other, "rcl_interfaces/srv/DescribeParameters", "/left/arm/describe_parameters",
         names=["speed"],
@@ -100,37 +100,38 @@ def test_parameters_are_read_set_and_told(nodes, tmp_path):
     assert Parameter.from_parameter_msg(events[-1].changed_parameters[0]).value == 8
 
 
-def test_our_own_descriptors_and_results_serve_too(nodes):
+def test_descriptors_and_results_of_uros_are_accepted_too(nodes):
     node = nodes("arm")
     node.declare_parameter("n", 2, ParameterDescriptor(integer_range=[IntegerRange(0, 4, 2)]))
     node.add_on_set_parameters_callback(lambda parameters: SetParametersResult(False, "no"))
-    assert [it.reason for it in node.set_parameters([Parameter("n", value=4)])] == ["no"]
+    results = node.set_parameters([Parameter("n", value=4)])
+    assert [result.reason for result in results] == ["no"]
 
 
-def test_the_log_is_heard_by_who_comes_later(nodes):
+def test_late_joiners_receive_the_log(nodes):
     node = nodes("arm", namespace="left")
     lines = []
     node.get_logger()
     node._rosout.console = lines.append
     assert node.get_logger().warning("hot", once=True)
-    heard = []
+    received = []
     nodes("other").create_subscription(
-        load("rcl_interfaces/msg/Log"), "/rosout", heard.append, LATCHED
+        load("rcl_interfaces/msg/Log"), "/rosout", received.append, LATCHED
     )
-    nodes.until(lambda: heard)
-    assert (heard[0].name, heard[0].msg, heard[0].level) == ("left.arm", "hot", 30)
-    assert abs(heard[0].stamp.sec - time.time()) < 60
+    nodes.until(lambda: received)
+    assert (received[0].name, received[0].msg, received[0].level) == ("left.arm", "hot", 30)
+    assert abs(received[0].stamp.sec - time.time()) < 60
     assert lines[0].startswith("[WARN] [") and lines[0].endswith("[left.arm]: hot")
 
     def bad():
         raise RuntimeError("no oil")
 
     node.create_timer(0.01, bad)
-    nodes.until(lambda: len(heard) > 1)
-    assert heard[1].level == 40 and "no oil" in heard[1].msg and "in bad" in heard[1].msg
+    nodes.until(lambda: len(received) > 1)
+    assert received[1].level == 40 and "no oil" in received[1].msg and "in bad" in received[1].msg
 
 
-def test_a_life_cycle_is_driven_by_others(nodes):
+def test_a_life_cycle_is_driven_by_service_calls(nodes):
     class Camera(LifecycleNode):
         def on_activate(self, state):
             return TransitionCallbackReturn.FAILURE if self.broken else super().on_activate(state)
@@ -157,23 +158,23 @@ def test_a_life_cycle_is_driven_by_others(nodes):
     state = nodes.call(other, "lifecycle_msgs/srv/GetState", "/camera/get_state").current_state
     assert (state.id, state.label) == (3, "active")
     nodes.until(lambda: len(steps) == 6)
-    assert [it.goal_state.label for it in steps] == [
+    assert [step.goal_state.label for step in steps] == [
         "configuring", "inactive", "activating", "inactive", "activating", "active",
     ]  # fmt: skip
 
 
-def test_transforms_that_do_not_move_are_heard_by_who_comes_later(nodes):
+def test_late_joiners_receive_static_transforms(nodes):
     node = nodes("arm")
     transform = load("geometry_msgs/msg/TransformStamped")()
     transform.header.frame_id, transform.child_frame_id = "base", "camera"
     static, moving = StaticTransformBroadcaster(node), TransformBroadcaster(node)
     assert static.sendTransform(transform)
-    heard, moved = [], []
+    received, moved = [], []
     message, other = load("tf2_msgs/msg/TFMessage"), nodes("other")
-    other.create_subscription(message, "/tf_static", heard.append, LATCHED)
+    other.create_subscription(message, "/tf_static", received.append, LATCHED)
     other.create_subscription(message, "/tf", moved.append)
-    nodes.until(lambda: heard)
-    assert heard == [message(transforms=[transform])]
+    nodes.until(lambda: received)
+    assert received == [message(transforms=[transform])]
     assert moving.sendTransform([transform, transform])
     nodes.until(lambda: moved)
     assert moved == [message(transforms=[transform, transform])]

@@ -1,4 +1,4 @@
-"""When a graph counts as settled, with changes caused by a second participant here."""
+"""Network.settle: the graph is complete after the changes of a second participant."""
 
 import pytest
 
@@ -10,8 +10,8 @@ from uros.qos import QoSProfile
 
 @pytest.fixture
 def network(own_domain_id):
-    with Network(own_domain_id) as joined:
-        yield joined
+    with Network(own_domain_id) as network:
+        yield network
 
 
 @pytest.fixture

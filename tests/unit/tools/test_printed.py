@@ -14,7 +14,7 @@ from types import SimpleNamespace
 import pytest
 from support.screen import FORGED, HOSTILE, UNENCODABLE, seen
 from unit.dashboard.test_pictures import JPEG
-from unit.host.test_graph_queries import FAST_DDS, End, Node
+from unit.host.test_graph_queries import FAST_DDS, Endpoint, Node
 from unit.tools.agent.test_status import client, snapshot
 
 from uros.agent.log import Log
@@ -74,7 +74,7 @@ class Hostile:
                 (f"rt/{NAME}/_action/feedback", f"x::action::dds_::{NAME}_FeedbackMessage_"),
             ):
                 guid = self._one[:12] + len(self._ends).to_bytes(4, "big")
-                self._ends[guid] = End(guid, self._one, is_writer, topic, kind, QoSProfile())
+                self._ends[guid] = Endpoint(guid, self._one, is_writer, topic, kind, QoSProfile())
         ends = list(self._ends)
         self._nodes = [
             Node(f"/{NAME}", NAME, ends, ends),
