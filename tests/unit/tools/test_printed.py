@@ -1,4 +1,4 @@
-"""Every verb is fed with names, types, messages and lines that others made to fool a terminal."""
+"""Every verb escapes names, types, messages and lines that contain terminal control characters."""
 
 import io
 import json
@@ -38,27 +38,27 @@ LINE = HOSTILE.replace("\n", "")
 
 @pytest.fixture
 def output(capsys):
-    """Runs a command line; what it printed, both streams, read as a terminal would."""
+    """Runs a command line; returns the lines that a terminal shows, of both streams."""
 
     def run(*arguments, status=None):
-        got = cli.main([*map(str, arguments)])
-        said = capsys.readouterr()
-        assert status is None or got == status, said
-        return seen(said.out) + seen(said.err)
+        returned = cli.main([*map(str, arguments)])
+        printed = capsys.readouterr()
+        assert status is None or returned == status, printed
+        return seen(printed.out) + seen(printed.err)
 
     return run
 
 
-# --- a network in which somebody has hostile names --------------------------------------------
+# --- a network with hostile names ---------------------------------------------------------------
 
 
 class Hostile:
-    """A middleware's graph, and in it what a hostile participant announces."""
+    """A middleware's graph with a participant that announces hostile names."""
 
     def __init__(self, source):
         self._source = source
-        self._one = FAST_DDS + b"h" * 14
-        self._ends = {}
+        self._participant = FAST_DDS + b"h" * 14
+        self._own = {}
         for is_writer in (True, False):
             for topic, kind in (
                 (f"rt/{NAME}", STRING),
@@ -73,31 +73,33 @@ class Hostile:
                 ("rr/addReply", f"{ADD}{NAME}_Response_"),
                 (f"rt/{NAME}/_action/feedback", f"x::action::dds_::{NAME}_FeedbackMessage_"),
             ):
-                guid = self._one[:12] + len(self._ends).to_bytes(4, "big")
-                self._ends[guid] = Endpoint(guid, self._one, is_writer, topic, kind, QoSProfile())
-        ends = list(self._ends)
+                guid = self._participant[:12] + len(self._own).to_bytes(4, "big")
+                self._own[guid] = Endpoint(
+                    guid, self._participant, is_writer, topic, kind, QoSProfile()
+                )
+        endpoints = list(self._own)
         self._nodes = [
-            Node(f"/{NAME}", NAME, ends, ends),
-            Node("/", "evil", ends, ends),
+            Node(f"/{NAME}", NAME, endpoints, endpoints),
+            Node("/", "evil", endpoints, endpoints),
             Node("/", "evil", [], []),
         ]
 
     @property
     def participants(self):
-        return {**self._source.participants, self._one: NAME.encode("utf-8", "replace")}
+        return {**self._source.participants, self._participant: NAME.encode("utf-8", "replace")}
 
     @property
     def endpoints(self):
-        return {**self._source.endpoints, **self._ends}
+        return {**self._source.endpoints, **self._own}
 
     @property
     def announced(self):
-        return {**self._source.announced, self._one: self._nodes}
+        return {**self._source.announced, self._participant: self._nodes}
 
 
 @pytest.fixture
 def hostile(monkeypatch, own_domain_id):
-    """The options that a command needs to join it; it is known without waiting."""
+    """Replaces the graph by the hostile one; returns the options to join its domain."""
     monkeypatch.setattr(network_module, "Graph", lambda source: Graph(Hostile(source)))
     monkeypatch.setattr(Network, "settle", lambda network, seconds=0.0: None)
     return ["--domain", str(own_domain_id)]
@@ -105,17 +107,17 @@ def hostile(monkeypatch, own_domain_id):
 
 @pytest.fixture
 def sends(monkeypatch):
-    """Makes a topic bring one message, and then Ctrl-C."""
+    """Makes a subscription deliver one message, and then raises KeyboardInterrupt."""
 
     def make(message):
         def listen(network, topic, type_name, qos, on_sample):
-            network._taken.append((on_sample, Received(to_cdr(message), 12, 34)))
+            network._samples.append((on_sample, Received(to_cdr(message), 12, 34)))
             return lambda: None
 
         def spin(network, done, seconds=None):
-            while network._taken:
-                tell, received = network._taken.popleft()
-                tell(received)
+            while network._samples:
+                deliver, received = network._samples.popleft()
+                deliver(received)
             if done():
                 return True
             raise KeyboardInterrupt
@@ -198,7 +200,7 @@ def service_call(output, hostile, monkeypatch):
 
     output("service", "call", "/add", *hostile, status=1)
     output("service", "call", "/add", "std_srvs/srv/Trigger", *hostile, status=1)
-    # and one whose answer says it
+    # a service whose response has the hostile text
     answer = to_cdr(load("std_srvs/srv/Trigger").Response(message=HOSTILE))
     line = SimpleNamespace(
         requester=SimpleNamespace(request=lambda request: 1), close=lambda: None, wait=None
@@ -232,21 +234,19 @@ def pid(output, monkeypatch):
 
     from uros.tools.rover import pid as pid_view
 
-    says = threading.Event()
-
-    def tell(url):
-        """A rover comes, says it, and is heard: then Ctrl-C."""
+    connected = threading.Event()
 
     real = pid_view.Tuning.notes_since
 
-    def notes_since(tuning, seen_until, seconds):
-        if not says.is_set():
-            says.set()
+    def notes_since(tuning, last, seconds):
+        """Let a rover send the text; raise KeyboardInterrupt when its note was read."""
+        if not connected.is_set():
+            connected.set()
             rover = socket.create_connection(("127.0.0.1", tuning.port))
             rover.sendall(HOSTILE.encode() + b"\n")
             tuning.rover = rover
-        number, fresh = real(tuning, seen_until, seconds)
-        if any("HOSTILE" in it or "owned" in it for it in fresh) or seen_until > 1:
+        number, fresh = real(tuning, last, seconds)
+        if any("HOSTILE" in note or "owned" in note for note in fresh) or last > 1:
             tuning.rover.close()
             raise KeyboardInterrupt
         return number, fresh
@@ -257,8 +257,8 @@ def pid(output, monkeypatch):
 
 
 def run_node(output, capsys):
-    said = SimpleNamespace(get_logger=lambda: SimpleNamespace(info=print))
-    cli._guard(lambda: listener.Listener.heard(said, evil_string()) or 0)
+    node = SimpleNamespace(get_logger=lambda: SimpleNamespace(info=print))
+    cli._guard(lambda: listener.Listener.heard(node, evil_string()) or 0)
     seen(capsys.readouterr().out)
 
 
@@ -271,7 +271,7 @@ def interface_folder(tmp_path):
 
 
 def interface(*arguments):
-    """As a process: definitions that one has read stay. Its exit status."""
+    """Run the verb in a process, since loaded definitions stay; return the exit status."""
     command = [sys.executable, "-m", "uros", "interface", *map(str, arguments)]
     done = subprocess.run(command, capture_output=True, env={**os.environ, "PYTHONUTF8": "1"})
     seen(done.stdout.decode("utf-8", "surrogateescape"))
@@ -306,14 +306,16 @@ def trace(output, tmp_path):
 
 
 def captures(folder):
-    """Captures that somebody has made up."""
+    """Yield forged captures."""
     name = NAME
     begin = "8000000000011000585243450100010faaaabbbb8100fc01"
     create = "81800000" + "0101" + "1000" + "000a01000200" + "0a000000"
     named = create + HOSTILE.encode().hex()
     line = {"t": 1.0, "from": "client", "client": 0, "transport": name, "address": name}
     good = folder / "good.jsonl"
-    good.write_text("\n".join(json.dumps({**line, "hex": it}) for it in (begin, named)) + "\n")
+    good.write_text(
+        "\n".join(json.dumps({**line, "hex": octets}) for octets in (begin, named)) + "\n"
+    )
     yield good
     for number, text in enumerate(
         [
@@ -335,7 +337,7 @@ def replay(output, tmp_path):
 
 
 def board_run(output, tmp_path):
-    # A console has the lines that the program prints.
+    # The console shows the lines that the program prints.
     (tmp_path / "main.py").write_text(f"print({LINE!r})\nprint({UNENCODABLE!r})\n")
     output("board", "run", "esp32_publisher", "--firmware", tmp_path, "--no-agent",
            "--seconds", "3")  # fmt: skip
@@ -351,14 +353,14 @@ def fleet(output, tmp_path):
 
 
 @contextmanager
-def saying(data):
-    """A line on which a board says this, again and again."""
+def sending(data):
+    """A pseudo-terminal on which a board sends the data repeatedly."""
     master, slave = os.openpty()
     tty.setraw(slave)
     os.set_blocking(master, False)
     ended = threading.Event()
 
-    def say():
+    def send():
         while not ended.wait(0.05):
             try:
                 os.read(master, 65536)
@@ -369,7 +371,7 @@ def saying(data):
             except OSError:
                 pass
 
-    thread = threading.Thread(target=say)
+    thread = threading.Thread(target=send)
     thread.start()
     try:
         yield os.ttyname(slave)
@@ -381,7 +383,7 @@ def saying(data):
 
 
 def board_console(output):
-    with saying(LINE.encode() + b"\xff\x1b[") as device:
+    with sending(LINE.encode() + b"\xff\x1b[") as device:
         output("board", "console", "--port", device, "--seconds", "0.5", status=0)
 
 
@@ -400,17 +402,17 @@ def board_deploy(output, tmp_path, monkeypatch):
         + b"\x04>",
     )
     for data in answers:
-        with saying(data) as device:
+        with sending(data) as device:
             output("board", "deploy", tmp_path, "--port", device, "--no-console", status=1)
 
 
 def doctor(output, hostile, monkeypatch):
-    found = snapshot(clients=[client(nodes=[{"name": NAME, "domain": 3}], address=NAME)])
-    found["transports"][0].update(label=NAME, name=NAME)
-    found["refused"][0].update(why=NAME, address=NAME)
+    status = snapshot(clients=[client(nodes=[{"name": NAME, "domain": 3}], address=NAME)])
+    status["transports"][0].update(label=NAME, name=NAME)
+    status["refused"][0].update(why=NAME, address=NAME)
     agents = [running_agents.RunningAgent(1, Path("x"))]
     monkeypatch.setattr(running_agents, "find_agents", lambda: agents)
-    monkeypatch.setattr(running_agents, "ask", lambda *_: found)
+    monkeypatch.setattr(running_agents, "ask", lambda *_: status)
     for options in ([], ["--json"]):
         output("doctor", *hostile, "--seconds", "0.1", *options)
 
@@ -418,17 +420,17 @@ def doctor(output, hostile, monkeypatch):
 def agent_status(output, monkeypatch):
     evil = client(nodes=[{"name": NAME, "domain": 3}], address=NAME)
     evil["endpoints"][0].update(topic=NAME, type=NAME)
-    found = snapshot(clients=[evil])
-    found["transports"][0].update(label=NAME)
-    found["refused"][0].update(why=NAME, address=NAME)
+    status = snapshot(clients=[evil])
+    status["transports"][0].update(label=NAME)
+    status["refused"][0].update(why=NAME, address=NAME)
     monkeypatch.setattr(running_agents, "find_agent", lambda pid=None: None)
-    monkeypatch.setattr(running_agents, "ask", lambda *_: found)
+    monkeypatch.setattr(running_agents, "ask", lambda *_: status)
     for options in ([], ["-v"], ["--json"]):
         output("agent", "status", *options, status=0)
 
 
 def agent(capsys):
-    """The log, to a pipe and to a terminal: its colours are its own."""
+    """The log escapes the text of each level."""
     for level in range(1, 7):
         out = io.StringIO()
         Log(6, guarded(out))(level, "part", "function", NAME, NAME)
@@ -442,8 +444,8 @@ def demonstration(output, capsys):
     seen(capsys.readouterr().out)
 
 
-def own_words(reason):
-    """For a verb that prints nothing which others wrote."""
+def no_foreign_text(reason):
+    """Return the feed of a verb that prints no text from outside; ``reason`` says why."""
     assert reason
     return lambda: None
 
@@ -462,7 +464,7 @@ FEEDS = {
     "image view": image_view,
     "image save": image_save,
     "pid": pid,
-    "calibrate": own_words("it takes numbers of an Odometry alone"),
+    "calibrate": no_foreign_text("it takes numbers of an Odometry alone"),
     "service list": service_list,
     "service type": service_type,
     "service find": service_find,
@@ -476,10 +478,10 @@ FEEDS = {
     "interface build": interface_any("build"),
     "trace": trace,
     "replay": replay,
-    "board list": own_words("its table is in the code"),
+    "board list": no_foreign_text("its table is in the code"),
     "board run": board_run,
-    "board build": own_words("it reads the user's own program"),
-    "board index": own_words("it prints names of packages, which the parser holds"),
+    "board build": no_foreign_text("it reads the user's own program"),
+    "board index": no_foreign_text("it prints names of packages, which the parser holds"),
     "board deploy": board_deploy,
     "board console": board_console,
     "fleet": fleet,
@@ -496,17 +498,17 @@ def verbs(group=cli._ROOT, words=()):
 
 
 def test_every_verb_has_a_feed():
-    assert {*verbs(), "agent status"} == set(FEEDS), "a new verb is fed here too"
+    assert {*verbs(), "agent status"} == set(FEEDS), "add a feed for a new verb"
 
 
 @pytest.mark.parametrize("verb", FEEDS)
-def test_what_others_wrote_reaches_the_terminal_as_text(verb, request):
+def test_text_from_outside_is_escaped_on_the_terminal(verb, request):
     feed = FEEDS[verb]
     names = feed.__code__.co_varnames[: feed.__code__.co_argcount]
     feed(*[request.getfixturevalue(name) for name in names])
 
 
-def test_a_field_of_text_keeps_its_lines_and_nothing_else(capsys, hostile, sends):
+def test_a_field_of_text_keeps_only_its_line_breaks(capsys, hostile, sends):
     text = "<robot>\n\t<link/>\n</robot>"
     for data, shown in ((text, text), (f"{text}\x1b[2J\r", f"{text}\\x1b[2J\\r")):
         sends(load("std_msgs/String")(data=data))
@@ -514,8 +516,8 @@ def test_a_field_of_text_keeps_its_lines_and_nothing_else(capsys, hostile, sends
         assert capsys.readouterr().out == f"{shown}\n---\n"
 
 
-def test_the_hostile_network_is_seen(hostile, own_domain_id):
-    """Or the tests above would hold for an empty one."""
+def test_the_hostile_network_is_discovered(hostile, own_domain_id):
+    """The tests above would also pass with an empty network."""
     with Network(own_domain_id) as network:
         assert len(living_nodes(network.graph._source)) >= 3
         assert f"/{printable(NAME)}" in network.graph.topics()
