@@ -21,7 +21,7 @@ def test_named_profiles_are_those_of_rmw() -> None:
     assert sensor.depth == 5 and not sensor.reliable and not sensor.transient_local
 
 
-def test_equal_where_every_field_is() -> None:
+def test_profiles_are_equal_if_all_fields_are() -> None:
     assert QoSProfile() == QoSProfile() and hash(QoSProfile()) == hash(QoSProfile())
     assert QoSProfile() != 10
     for name, value in (
@@ -71,7 +71,7 @@ def test_each_flag() -> None:
     assert not QoSProfile(durability=DurabilityPolicy.SYSTEM_DEFAULT).transient_local
 
 
-def test_flags_come_back() -> None:
+def test_flags_survive_a_round_trip() -> None:
     for flags in range(64):
         if flags & 0x38 in (0x00, 0x08, 0x10, 0x20):
             assert to_flags(from_flags(flags, 7)) == flags
@@ -105,7 +105,7 @@ def test_presets_are_those_of_rclpy() -> None:
         assert to_flags(profile, ids.KIND_DATAWRITER) == to_flags(profile)
 
 
-def test_what_cannot_be_carried_is_refused_with_what_to_do() -> None:
+def test_unsupported_policies_are_rejected_with_the_remedy() -> None:
     writer, reader = ids.KIND_DATAWRITER, ids.KIND_DATAREADER
     services = (ids.KIND_REQUESTER, ids.KIND_REPLIER)
     endpoints = (writer, reader)
@@ -146,7 +146,7 @@ def test_what_cannot_be_carried_is_refused_with_what_to_do() -> None:
                 assert kind not in kinds, (name, value, kind)
 
 
-def test_what_can_be_carried_is_not_refused() -> None:
+def test_supported_policies_are_accepted() -> None:
     for name, value in (
         ("depth", 0), ("depth", 65535), ("deadline_ms", 0xFFFFFFFF), ("lifespan_ms", 0xFFFFFFFF),
         ("deadline_ms", 0), ("liveliness", 0), ("liveliness_lease_ms", 0), ("separation_ms", 0),
@@ -157,10 +157,10 @@ def test_what_can_be_carried_is_not_refused() -> None:
             assert to_flags(QoSProfile(**{name: value}), kind) >= 0
 
 
-def test_flags_without_a_meaning_are_passed_over() -> None:
+def test_undefined_flags_are_ignored() -> None:
     assert from_flags(0xFFC3, 10) == from_flags(0x03, 10)
 
 
-def test_a_depth_of_0_is_none() -> None:
+def test_a_depth_of_0_is_1() -> None:
     assert from_flags(0x03, 0).depth == 1
     assert from_flags(0x03, None).depth == 1

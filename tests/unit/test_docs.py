@@ -1,4 +1,4 @@
-"""What the pages say is there: tests, options, files, links, metrics, lines of output, commands."""
+"""The pages agree with the code: tests, options, files, links, metrics, output, commands."""
 
 import argparse
 import ast
@@ -53,35 +53,35 @@ def name_of(page):
 
 @lru_cache
 def names_in(path):
-    """The names of the test functions of a file."""
+    """Return the names of the test functions of a file."""
     tree = ast.parse((ROOT / "tests" / path).read_text("utf-8"))
     return {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
 
 
 @lru_cache
 def happenings():
-    """All that can be made to happen to a virtual board, without values."""
-    found = set()
+    """Return the actions and faults of virtual boards without values, and the names of parts."""
+    specs = set()
     for name in BOARDS:
         board = VirtualBoard(find(name), ManualClock(), plugs=["esp8266:uart=7", "wlan"])
         try:
-            found |= {it.spec for it in (*board.acts(), *board.faults())}
+            specs |= {happening.spec for happening in (*board.acts(), *board.faults())}
         finally:
             board.close()
-    names = {it.partition(":")[0] for it in found}
-    return found | {f"{it}:off" for it in (*names, "all")}, names
+    names = {spec.partition(":")[0] for spec in specs}
+    return specs | {f"{name}:off" for name in (*names, "all")}, names
 
 
 @pytest.mark.parametrize(
     "page",
     [
         README,
-        *(ROOT / "docs" / f"{it}.md" for it in ("boards", "virtual_boards")),
+        *(ROOT / "docs" / f"{name}.md" for name in ("boards", "virtual_boards")),
         *sorted((ROOT / "firmware").rglob("README.md")),
     ],
     ids=name_of,
 )
-def test_what_a_page_makes_happen_to_boards_can_happen_and_the_boards_exist(page):
+def test_actions_faults_and_boards_on_a_page_exist(page):
     text = page.read_text("utf-8")
     known, parts = happenings()
     specs = re.findall(r"`(\w+):(\w+)(?:=[^`]*)?`", text)
@@ -110,12 +110,12 @@ def test_every_test_that_a_page_names_exists(page):
 
 
 def cells_of(line):
-    return [it.strip() for it in re.split(r"(?<!\\)\|", line)[1:-1]]
+    return [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]]
 
 
 def tables(page):
-    """``(section, header, rows)`` of each table on a page."""
-    section, found, within = "", [], False
+    """Return ``(section, header, rows)`` of each table on a page."""
+    section, tables, within = "", [], False
     for line in page.read_text("utf-8").splitlines():
         if line.startswith("#"):
             section = line.lstrip("# ")
@@ -123,26 +123,26 @@ def tables(page):
             within = False
         elif not within:
             within = True
-            found.append((section, cells_of(line), []))
+            tables.append((section, cells_of(line), []))
         elif set(line) - set("|-: "):
-            found[-1][2].append(cells_of(line))
-    return found
+            tables[-1][2].append(cells_of(line))
+    return tables
 
 
 def table(page, *header):
-    """The rows of the one table on the page with this header."""
+    """Return the rows of the only table on the page with this header."""
     (rows,) = [rows for _, head, rows in tables(page) if head == list(header)]
     return rows
 
 
-# How many lines the pages have that name tests, at least: a table that is not found proves nothing.
+# The least number of table rows with tests on each page: the test must not pass without tables.
 LINES = {AGENT: 200, ROBUSTNESS: 70, DOCTOR: 25, INTERFACES: 27, SECURITY: 8, TRANSPORTS: 36,
          CLIENT: 220}  # fmt: skip
 
 
 @pytest.mark.parametrize("page", LINES, ids=name_of)
 def test_every_line_of_a_table_with_tests_has_its_test(page):
-    """But those that say what agent or client does not do: "no", to begin with."""
+    """Only rows of a missing feature, which begin with "no", have a dash in place of a test."""
     count = 0
     for section, header, rows in tables(page):
         if header[-1] != "test":
@@ -153,23 +153,23 @@ def test_every_line_of_a_table_with_tests_has_its_test(page):
             if page in (AGENT, CLIENT) and cells[-1] == "–":
                 assert re.match(r"no\b", cells[-2]), about
             else:
-                assert all(NAMED.fullmatch(it) for it in cells[-1].split(", ")), about
+                assert all(NAMED.fullmatch(name) for name in cells[-1].split(", ")), about
         count += len(rows)
     assert count >= LINES[page]
 
 
 @pytest.mark.parametrize("page", LINES, ids=name_of)
-def test_no_table_of_a_page_says_a_thing_twice(page):
+def test_no_table_of_a_page_has_a_row_twice(page):
     for section, _, rows in tables(page):
         names = [cells[0] for cells in rows]
         assert len(names) == len(set(names)), section
 
 
-def test_every_page_is_named_where_people_begin():
+def test_every_page_is_named_in_the_readme():
     text = README.read_text("utf-8")
     names = [f"docs/{page.name}" for page in (ROOT / "docs").glob("*.md")]
     names += ["docs/design/README.md", "firmware/README.md", "CONTRIBUTING.md", "CHANGELOG.md"]
-    assert not [it for it in sorted(names) if it not in text]
+    assert not [name for name in sorted(names) if name not in text]
 
 
 def test_every_page_of_the_design_is_in_its_index():
@@ -182,33 +182,33 @@ def test_the_index_of_examples_has_every_program():
     assert linked == {main.parent.name for main in (ROOT / "firmware").glob("*/main.py")}
 
 
-# --- the house --------------------------------------------------------------------------------
+# --- the packages -----------------------------------------------------------------------------
 
 
 def test_the_packages_on_the_page_are_those_of_the_tree():
-    """Single modules beside them, and one level of packages within them."""
+    """The tree on the page has single modules, packages, and one level of packages within them."""
     (house,) = re.findall(r"^src/uros/\n((?:  .*\n)+)", HOUSE.read_text("utf-8"), re.M)
     named, package = [], ""
     for indent, name in re.findall(r"^(  |    )(\w+(?:/|\.py)) ", house, re.M):
         package = package if indent == "    " else name
         named.append(package + name if indent == "    " else name)
     source = ROOT / "src" / "uros"
-    there = {f"{it.parent.name}/" for it in source.glob("*/__init__.py")}
-    there |= {f"{it.parent.relative_to(source)}/" for it in source.glob("*/*/__init__.py")}
-    there |= {it.name for it in source.glob("*.py")} - {"__init__.py", "__main__.py"}
-    assert sorted(named) == sorted(there)
+    existing = {f"{file.parent.name}/" for file in source.glob("*/__init__.py")}
+    existing |= {f"{file.parent.relative_to(source)}/" for file in source.glob("*/*/__init__.py")}
+    existing |= {file.name for file in source.glob("*.py")} - {"__init__.py", "__main__.py"}
+    assert sorted(named) == sorted(existing)
 
 
-def test_the_walls_on_the_page_are_those_that_are_tested():
-    told = {}
+def test_the_import_rules_on_the_page_are_those_that_are_tested():
+    allowed = {}
     for rooms, may in table(HOUSE, "room", "may import"):
         named = set() if may == "nothing" else set(may.split(", "))
         for room in rooms.split(", "):
-            told[room] = set(ALLOWED) - {room} if may == "all above" else named
-    for room in ("boards", "tools"):  # each of them is in the same line as the other
-        told[room] -= {"boards", "tools"}
+            allowed[room] = set(ALLOWED) - {room} if may == "all above" else named
+    for room in ("boards", "tools"):  # one row of the table has both
+        allowed[room] -= {"boards", "tools"}
     wanted = {room: may - {"boards", "tools"} for room, may in ALLOWED.items()}
-    assert told == wanted
+    assert allowed == wanted
 
 
 def test_the_numbers_on_the_page_are_those_of_the_sources():
@@ -220,14 +220,15 @@ def test_the_numbers_on_the_page_are_those_of_the_sources():
     from uros.agent.transports import tcp, tls
     from uros.wire.streams import MAX_MESSAGE
 
-    told = {what: value for what, value, _ in table(NUMBERS, "what", "value", "where")}
-    it = Limits()
+    stated = {limit: value for limit, value, _ in table(NUMBERS, "what", "value", "where")}
+    limits = Limits()
     assert (time_budget.SHARE_OF_ONE, time_budget.SHARE_OF_ALL, tls.SHARE) == (0.25, 0.5, 0.25)
-    for what, value in (
+    for limit, value in (
         ("fragmented message", f"{MAX_MESSAGE >> 20} MiB at most"),
         ("streams of one client; its objects, participants, domains, types",
-         f"{session.MAX_STREAMS}; {it.objects}, {it.participants}, {it.domains}, {it.types}"),
-        ("memory that clients make the agent hold", f"{it.memory >> 20} MB in all"),
+         f"{session.MAX_STREAMS};"
+         f" {limits.objects}, {limits.participants}, {limits.domains}, {limits.types}"),
+        ("memory that clients make the agent hold", f"{limits.memory >> 20} MB in all"),
         ("time for creating and deleting", "a quarter for one client, a half for all"),
         ("TCP: connections, of one address; idle without a session",
          f"{tcp.MAX_CONNECTIONS}, {tcp.MAX_FROM_ONE}; {tcp.IDLE_SECONDS:.0f} s"),
@@ -248,43 +249,49 @@ def test_the_numbers_on_the_page_are_those_of_the_sources():
          f"{liveliness.MIN_HARD_MS / 1000:g} s to an hour; after three queries"),
         ("a second client with the same key waits", f"{sum(key_conflict.WAIT_MS) / 1000:g} s"),
         ("representations kept of one client; answers it does not acknowledge",
-         f"{it.representations >> 20} MiB; {session.MAX_ANSWERS >> 20} MiB"),
+         f"{limits.representations >> 20} MiB; {session.MAX_ANSWERS >> 20} MiB"),
     ):  # fmt: skip
-        assert told[what] == value
+        assert stated[limit] == value
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_every_path_that_a_page_names_exists(page):
-    """Files of Python, and whatever begins with a folder of the project or of a package; not
-    where a word in capitals stands for many.
+    """Checked are Python files and paths that begin with a folder of the project or of a package,
+    except those with a placeholder in capitals.
     """
     source = ROOT / "src" / "uros"
     places = [ROOT, source, ROOT / "tests", source / "agent", page.parent]
     text = page.read_text("utf-8")
     text = re.sub(r"^```.*?^```$", "", text, flags=re.M | re.S)
-    folders = {it.name for place in (ROOT, source) for it in place.iterdir() if it.is_dir()}
-    named = {it for it in re.findall(r"`([\w./-]+)`", text) if "/" in it}
-    named = {it for it in named if not re.search(r"/[A-Z]+(/|$)", it)}
-    named = {it for it in named if re.search(r"\.(py|toml)$", it) or it.split("/")[0] in folders}
-    missing = [it for it in sorted(named) if not any((place / it).exists() for place in places)]
+    folders = {path.name for place in (ROOT, source) for path in place.iterdir() if path.is_dir()}
+    paths = {path for path in re.findall(r"`([\w./-]+)`", text) if "/" in path}
+    paths = {path for path in paths if not re.search(r"/[A-Z]+(/|$)", path)}
+    paths = {
+        path for path in paths if re.search(r"\.(py|toml)$", path) or path.split("/")[0] in folders
+    }
+    missing = [
+        path for path in sorted(paths) if not any((place / path).exists() for place in places)
+    ]
     assert not missing
 
 
-def test_what_make_does_is_what_the_page_says():
+def test_the_make_targets_on_the_page_are_those_of_the_makefile():
     makefile = (ROOT / "Makefile").read_text("utf-8")
     (targets,) = re.findall(r"^\.PHONY: (.+)$", makefile, re.M)
-    told = re.findall(r"^\| `make ([\w-]+)` \|", CONTRIBUTING.read_text("utf-8"), re.M)
-    assert sorted(told) == sorted(targets.split())
+    listed = re.findall(r"^\| `make ([\w-]+)` \|", CONTRIBUTING.read_text("utf-8"), re.M)
+    assert sorted(listed) == sorted(targets.split())
 
 
 # --- the command line ---------------------------------------------------------------------------
 
 
 def parsers():
-    """The parsers of ``uros agent``, by transport."""
+    """Return the parsers of ``uros agent``, by transport."""
     parser = argparse.ArgumentParser()
     command.add_arguments(parser)
-    (transports,) = [it for it in parser._actions if isinstance(it, argparse._SubParsersAction)]
+    (transports,) = [
+        action for action in parser._actions if isinstance(action, argparse._SubParsersAction)
+    ]
     return transports.choices
 
 
@@ -298,25 +305,26 @@ def options():
 
 
 def spelled(text, option):
-    """Whether the page has the option, as ``--port``, or in code as ``-p``."""
+    """Whether the text has the option, such as ``--port`` or ``-p``."""
     return re.search(rf"(?<![\w-]){re.escape(option)}(?![\w-])", text) is not None
 
 
 def test_every_option_of_the_agent_is_on_its_page():
     text = "\n".join(re.findall(r"`[^`\n]+`", AGENT.read_text("utf-8")))
-    assert not [it for it in sorted(options()) if not spelled(text, it)]
-    assert not [it for it in (*parsers(), *command._MIDDLEWARES) if not spelled(text, it)]
+    assert not [option for option in sorted(options()) if not spelled(text, option)]
+    names = (*parsers(), *command._MIDDLEWARES)
+    assert not [name for name in names if not spelled(text, name)]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_every_option_of_the_agent_on_a_page_exists(page):
-    """On the agent's own page that is every option, elsewhere those of ``uros agent …``."""
+    """Checked are all options on the agent's page, and those of ``uros agent …`` on other pages."""
     text = page.read_text("utf-8")
     if page != AGENT:
         text = "\n".join(re.findall(r"`?uros agent (?!-)([^`\n#]*)", text))
-    found = set(re.findall(r"(?<![\w-])--[a-z][a-z0-9-]*", text))
-    found |= {it for it in re.findall(r"(?:(?<=`)|(?<= ))-[A-Za-z](?= |`|[0-9])", text)}
-    assert not found - options() - FOREIGN
+    named = set(re.findall(r"(?<![\w-])--[a-z][a-z0-9-]*", text))
+    named |= set(re.findall(r"(?:(?<=`)|(?<= ))-[A-Za-z](?= |`|[0-9])", text))
+    assert not named - options() - FOREIGN
 
 
 def test_every_variable_that_the_agent_reads_is_on_its_page():
@@ -335,7 +343,7 @@ def test_every_variable_that_the_agent_reads_is_on_its_page():
 
 
 def verbs(group=cli._ROOT, name="uros"):
-    """``(words, parser)`` of each command but ``uros agent``, which has parsers of its own."""
+    """Yield ``(words, parser)`` of each command except ``uros agent``, see `parsers`."""
     for word, member in group.members.items():
         if isinstance(member, cli.Group):
             yield from verbs(member, f"{name} {word}")
@@ -351,18 +359,18 @@ VERBS = dict(verbs())
 
 
 def options_of(verb):
-    found = {option for it in VERBS[verb]._actions for option in it.option_strings}
-    return found - {"-h", "--help"}
+    options = {option for action in VERBS[verb]._actions for option in action.option_strings}
+    return options - {"-h", "--help"}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_every_option_of_a_tool_on_a_page_exists(page):
-    """In commands, ``uros topic echo /x --once``, as long as nothing else begins."""
+    """Checked are commands such as ``uros topic echo /x --once``, up to their end."""
     text = page.read_text("utf-8")
     for verb in VERBS:
-        for said in re.findall(rf"{verb}(?![\w-])([^`\n#|;&]*)", text):
-            used = set(re.findall(r"(?<![\w-])--?[a-z][a-z0-9-]*", said))
-            assert not used - options_of(verb) - {"-h", "--help"}, f"{verb}{said}"
+        for words in re.findall(rf"{verb}(?![\w-])([^`\n#|;&]*)", text):
+            used = set(re.findall(r"(?<![\w-])--?[a-z][a-z0-9-]*", words))
+            assert not used - options_of(verb) - {"-h", "--help"}, f"{verb}{words}"
 
 
 @pytest.mark.parametrize(
@@ -375,16 +383,16 @@ def test_every_option_of_a_tool_on_a_page_exists(page):
 )  # fmt: skip
 def test_every_option_of_a_tool_is_on_its_page(verb, page):
     text = page.read_text("utf-8")
-    by_action = [it.option_strings for it in VERBS[verb]._actions if it.option_strings]
+    by_action = [action.option_strings for action in VERBS[verb]._actions if action.option_strings]
     missing = [
         names[0]
         for names in by_action
-        if "--help" not in names and not any(spelled(text, it) for it in names)
+        if "--help" not in names and not any(spelled(text, name) for name in names)
     ]
     assert not missing
 
 
-def test_the_defaults_of_the_agent_on_its_page_are_those_it_has():
+def test_the_defaults_of_the_agent_on_its_page_are_right():
     from uros.agent.policy.admission import MAX_CLIENTS
     from uros.agent.policy.limits import Limits
     from uros.agent.policy.liveliness import DEAD_TIME, MAX_DEAD_TIME
@@ -392,10 +400,10 @@ def test_the_defaults_of_the_agent_on_its_page_are_those_it_has():
 
     def line(option):
         (cells,) = [
-            it
+            row
             for section, _, rows in tables(AGENT)
-            for it in rows
-            if section == "Command line" and it[0].startswith(f"`{option} ")
+            for row in rows
+            if section == "Command line" and row[0].startswith(f"`{option} ")
         ]
         return cells[2]
 
@@ -405,10 +413,10 @@ def test_the_defaults_of_the_agent_on_its_page_are_those_it_has():
     for number in (limits.objects, limits.message, limits.memory >> 20):
         assert re.search(rf"\b{number}\b", line("--max-objects"))
     (clients,) = [
-        it[2]
+        row[2]
         for section, _, rows in tables(AGENT)
-        for it in rows
-        if section == "Limits" and it[0] == "clients"
+        for row in rows
+        if section == "Limits" and row[0] == "clients"
     ]
     assert str(MAX_CLIENTS) in clients
 
@@ -421,7 +429,7 @@ def test_the_default_middleware_is_the_one_on_the_page():
 # --- what is shown ------------------------------------------------------------------------------
 
 
-def test_the_trace_on_the_page_is_what_it_shows(capsys):
+def test_the_trace_on_the_page_is_printed(capsys):
     (text,) = re.findall(r"^```\n(-- client 0 .+?)^```$", SEEING.read_text("utf-8"), re.M | re.S)
     recording = "tests/captures/rclc_int32_publisher.jsonl"
     assert f"`{recording}`" in SEEING.read_text("utf-8")
@@ -430,7 +438,7 @@ def test_the_trace_on_the_page_is_what_it_shows(capsys):
     assert not [line for line in text.splitlines() if line not in shown]  # in this order
 
 
-def test_the_page_of_status_is_how_it_looks():
+def test_the_status_on_the_page_is_printed():
     from uros.tools.agent.status import page
 
     def board(key, address, nodes, heard, rates, lost):
@@ -461,14 +469,14 @@ def test_the_page_of_status_is_how_it_looks():
     assert text.splitlines() == page(snapshot, width=10_000)
 
 
-def test_the_findings_on_the_page_of_the_doctor_are_how_they_look():
+def test_the_findings_on_the_page_of_the_doctor_are_printed():
     from uros.tools.doctor.agents import check_agents
     from uros.tools.doctor.command import lines
     from uros.tools.doctor.finding import problem
 
     page = DOCTOR.read_text("utf-8")
     (text,) = re.findall(r"^```\n\$ uros doctor [^\n]*\n(.+?)^```$", page, re.M | re.S)
-    found = [
+    findings = [
         check_agents([{"pid": 4242, "clients": [{}]}]),
         problem(
             "permission", "me may not open /dev/ttyACM0: its group is dialout",
@@ -480,40 +488,41 @@ def test_the_findings_on_the_page_of_the_doctor_are_how_they_look():
             "start the agent with --qos /temp:reliability=reliable",
         ),
     ]  # fmt: skip
-    assert text == "".join(lines(it) + "\n" for it in found)
+    assert text == "".join(lines(finding) + "\n" for finding in findings)
 
 
-def test_every_metric_is_on_the_page_and_no_other():
+def test_the_metrics_on_the_page_are_those_of_the_agent():
     from uros.agent.observability import prometheus
 
-    told = []
+    listed = []
     for names, _, _ in table(SEEING, "metric", "labels", "what it is"):
         stem = ""
         for name in re.findall(r"`([\w…]+)`", names):
             stem = stem if name.startswith("…") else re.match(r"uros_[a-z]+_|", name).group()
-            told.append(name.replace("…_", stem))
+            listed.append(name.replace("…_", stem))
     wanted = {"uros_agent_info", "uros_agent_uptime_seconds", "uros_clients",
               "uros_refused_clients", "uros_client_info", "uros_client_silence_seconds",
               "uros_transport_connections"}  # fmt: skip
     clients = prometheus._CLIENT
     wanted |= {f"uros_client_{name}{'_total' * counts}" for name, _, counts, _ in clients}
     wanted |= {f"uros_transport_{name}_total" for name, _, _ in prometheus._TRANSPORT}
-    assert sorted(told) == sorted(wanted)
+    assert sorted(listed) == sorted(wanted)
     page = " ".join(SEEING.read_text("utf-8").split())
     assert f"the first {prometheus.MAX_SERIES} share one" in page
 
 
-def test_what_the_log_says_of_tls_is_in_the_sources():
+def test_the_log_messages_of_tls_on_the_page_are_in_the_sources():
     source = ROOT / "src" / "uros" / "agent" / "transports"
-    said = "".join((source / name).read_text("utf-8") for name in ("tls.py", "tcp.py"))
-    said = re.sub(r'"\n\s*f?"', "", said)
-    said = said.replace("{HANDSHAKE_SECONDS:.0f}", "10")
-    assert not [it for it, _ in table(SECURITY, "the log says", "and means") if it not in said]
+    text = "".join((source / name).read_text("utf-8") for name in ("tls.py", "tcp.py"))
+    text = re.sub(r'"\n\s*f?"', "", text)
+    text = text.replace("{HANDSHAKE_SECONDS:.0f}", "10")
+    messages = [message for message, _ in table(SECURITY, "the log says", "and means")]
+    assert not [message for message in messages if message not in text]
 
 
 @pytest.fixture(scope="module")
 def certified(tmp_path_factory):
-    """A folder in which the commands of the page were run."""
+    """A folder in which the page's commands have created certificates."""
     folder = tmp_path_factory.mktemp("certificates")
     (commands,) = re.findall(r"^```sh\n(.+?)^```$", SECURITY.read_text("utf-8"), re.M | re.S)
     assert shutil.which("openssl"), "this test needs openssl"
@@ -521,51 +530,52 @@ def certified(tmp_path_factory):
     return folder
 
 
-def test_the_certificates_of_the_page_are_good_for_agent_and_board(certified):
+def test_the_certificates_of_the_page_work_for_agent_and_board(certified):
     from uros.agent.transports.certificates import Certificates
 
-    files = Certificates(*(str(certified / it) for it in ("agent.pem", "agent.key", "ca.pem")))
+    names = ("agent.pem", "agent.key", "ca.pem")
+    files = Certificates(*(str(certified / name) for name in names))
     assert not files.doubt()
     board = ssl.create_default_context(cafile=str(certified / "ca.pem"))
     board.load_cert_chain(certified / "left.pem", certified / "left.key")
     for name in ("robot.local", "192.168.1.20"):
-        there, back = ssl.MemoryBIO(), ssl.MemoryBIO()
-        asking = board.wrap_bio(back, there, server_hostname=name)
-        answering = files.context().wrap_bio(there, back, server_side=True)
+        requests, replies = ssl.MemoryBIO(), ssl.MemoryBIO()
+        client = board.wrap_bio(replies, requests, server_hostname=name)
+        server = files.context().wrap_bio(requests, replies, server_side=True)
         for _ in range(3):
-            for side in (asking, answering):
+            for side in (client, server):
                 try:
                     side.do_handshake()
                 except ssl.SSLWantReadError:
                     pass
-        assert ("commonName", "left") in answering.getpeercert()["subject"][0]
-        assert asking.version() in ("TLSv1.2", "TLSv1.3")
+        assert ("commonName", "left") in server.getpeercert()["subject"][0]
+        assert client.version() in ("TLSv1.2", "TLSv1.3")
 
 
 # --- links --------------------------------------------------------------------------------------
 
 
 def anchors(page):
-    """What links into a page may name: its headings, as GitHub spells them."""
+    """Return the anchors of a page: its headings, as GitHub spells them."""
     headings = re.findall(r"^#+ (.+)$", page.read_text("utf-8"), re.M)
-    return {re.sub(r"[^\w\- ]", "", it.lower()).replace(" ", "-") for it in headings}
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_links_lead_somewhere(page):
+def test_links_have_targets(page):
     for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text("utf-8")):
         if re.match(r"[a-z]+:", target):
             continue
         path, _, anchor = target.partition("#")
-        there = (page.parent / path).resolve() if path else page
-        assert there.exists(), target
-        assert not anchor or anchor in anchors(there), target
+        linked = (page.parent / path).resolve() if path else page
+        assert linked.exists(), target
+        assert not anchor or anchor in anchors(linked), target
 
 
 # --- rules for clients --------------------------------------------------------------------------
 
 
-def test_the_rules_of_the_page_do_what_it_says(tmp_path):
+def test_the_rules_on_the_page_have_the_described_effect(tmp_path):
     (text,) = re.findall(r"^```toml\n(.+?)^```$", AGENT.read_text("utf-8"), re.M | re.S)
     file = tmp_path / "rules.toml"
     file.write_text(text)
@@ -578,12 +588,12 @@ def test_the_rules_of_the_page_do_what_it_says(tmp_path):
     for key, namespace in ((0x4B0CBE99, "/left"), (0x4B0CBE9A, "/right"), (7, "/right"), (8, "")):
         assert settings(key=key).namespace == namespace
     for address in ("192.168.1.7:2018", "192.168.2.7:2018"):
-        one = settings(address=address)
+        client = settings(address=address)
         limits = (100.0, 4096) if ".1.7" in address else (None, None)
-        assert (one.max_rate, one.max_size) == limits
+        assert (client.max_rate, client.max_size) == limits
     turtle = settings(node="/turtle_2")
     assert turtle.domain == 7 and settings().domain is None
-    assert [turtle.name(it) for it in ("/cmd_vel", "/image", "/odom")] == [
+    assert [turtle.name(topic) for topic in ("/cmd_vel", "/image", "/odom")] == [
         "/turtle1/cmd_vel", "/camera/image", "/odom"
     ]  # fmt: skip
     qos = QoSProfile(10)
@@ -591,7 +601,7 @@ def test_the_rules_of_the_page_do_what_it_says(tmp_path):
     assert qos == QoSProfile(1, ReliabilityPolicy.BEST_EFFORT)
 
 
-def test_names_and_policies_on_the_page_are_all_there_are():
+def test_all_names_and_policies_of_rules_are_on_the_page():
     from uros.agent.policy import rules
 
     text = AGENT.read_text("utf-8").partition("\n## Rules for clients\n")[2]
@@ -612,18 +622,18 @@ def test_every_class_of_the_glossary_exists():
         for module, name in re.findall(r"`(uros(?:\.[a-z_0-9]+)+)\.([A-Z]\w*)`", line):
             named += 1
             try:
-                found = hasattr(importlib.import_module(module), name)
+                exists = hasattr(importlib.import_module(module), name)
             except ImportError:
-                found = False
-            if not found:
+                exists = False
+            if not exists:
                 wrong.append(f"{module}.{name}, in: {line[:60]}")
     assert named > 50 and not wrong, "no such class:\n" + "\n".join(wrong)
 
 
 def test_the_names_of_code_on_the_page_of_where_to_add_exist():
-    """Constants and classes in backquotes: a reader looks for them in the file that is named."""
+    """Every constant and class in backquotes is in a file of src."""
     page = (ROOT / "docs" / "design" / "where_to_add.md").read_text("utf-8")
     source = "\n".join(path.read_text("utf-8") for path in (ROOT / "src").rglob("*.py"))
     names = set(re.findall(r"`(_?[A-Z][A-Za-z_]+)`", page))
-    gone = [name for name in sorted(names) if not re.search(rf"\b{name}\b", source)]
-    assert len(names) > 10 and not gone, f"no such name in src: {', '.join(gone)}"
+    missing = [name for name in sorted(names) if not re.search(rf"\b{name}\b", source)]
+    assert len(names) > 10 and not missing, f"no such name in src: {', '.join(missing)}"

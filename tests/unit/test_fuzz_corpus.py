@@ -1,7 +1,7 @@
-"""What fuzzing has kept: each input is played once, in plain Python, and must find nothing.
+"""Each input of the fuzzers' corpus runs through its harness, in plain Python, without a finding.
 
-The fuzzers themselves are ``make fuzz``; here only their harnesses run. Two faults planted in
-memory show that these would tell.
+The fuzzers themselves are ``make fuzz``; here only their harnesses run. Faults planted by
+monkeypatch show that the harnesses detect them.
 """
 
 import importlib
@@ -17,8 +17,8 @@ sys.path.append(str(ROOT / "fuzz"))
 
 from targets import TARGETS, records, world  # noqa: E402
 
-KEPT = ROOT / "fuzz" / "corpus"
-MAX_KEPT = 300_000
+CORPUS = ROOT / "fuzz" / "corpus"
+MAX_CORPUS = 300_000
 
 
 def target(name):
@@ -26,8 +26,8 @@ def target(name):
 
 
 @pytest.mark.parametrize("name", TARGETS)
-def test_nothing_is_found_in_what_was_kept(name: str) -> None:
-    files = sorted((KEPT / name).iterdir())
+def test_the_corpus_has_no_findings(name: str) -> None:
+    files = sorted((CORPUS / name).iterdir())
     assert files
     for file in files:
         try:
@@ -37,14 +37,14 @@ def test_nothing_is_found_in_what_was_kept(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", TARGETS)
-def test_nothing_is_found_in_valid_inputs(name: str) -> None:
+def test_valid_inputs_have_no_findings(name: str) -> None:
     for _, data in target(name).seeds():
         target(name).one_input(data)
 
 
 @pytest.mark.parametrize("name", TARGETS)
-def test_nothing_is_found_in_what_the_mutators_make(name: str) -> None:
-    """A hundred inputs, the same each time: that the harness works, not that uros does."""
+def test_mutated_inputs_have_no_findings(name: str) -> None:
+    """A hundred inputs, the same in each run: they test the harness, not uros."""
     chance = Random(name)
     seeds = [data for _, data in target(name).seeds()]
 
@@ -60,27 +60,27 @@ def test_nothing_is_found_in_what_the_mutators_make(name: str) -> None:
         target(name).one_input(data)
 
 
-def test_what_is_kept_is_small() -> None:
-    sizes = [file.stat().st_size for file in KEPT.rglob("*") if file.is_file()]
-    assert sum(sizes) < MAX_KEPT
+def test_the_corpus_is_small() -> None:
+    sizes = [file.stat().st_size for file in CORPUS.rglob("*") if file.is_file()]
+    assert sum(sizes) < MAX_CORPUS
 
 
 def test_every_target_has_a_corpus_and_every_corpus_a_target() -> None:
-    assert {it.name for it in KEPT.iterdir()} == set(TARGETS)
+    assert {folder.name for folder in CORPUS.iterdir()} == set(TARGETS)
 
 
-def test_records_are_those_that_were_packed() -> None:
+def test_records_are_unpacked_as_packed() -> None:
     some = [(0, b""), (255, b"abc"), (7, bytes(65535))]
     assert list(records.unpack(records.pack(some))) == some
     assert list(records.unpack(b"\1\xff\xff" + b"cut")) == [(1, b"cut")]
     assert not list(records.unpack(b"\1\2"))
 
 
-# --- that they would tell -----------------------------------------------------------------
+# --- planted faults are found -----------------------------------------------------------------
 
 
-def kept_as(name: str, which: str) -> bytes:
-    return dict(target(name).seeds())[which]
+def seed_of(name: str, seed: str) -> bytes:
+    return dict(target(name).seeds())[seed]
 
 
 def test_an_exception_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -91,14 +91,14 @@ def test_an_exception_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(Session, "_acknack", broken)
     with pytest.raises(ZeroDivisionError):
-        target("datagrams").one_input(kept_as("datagrams", "subscribe_reliable"))
+        target("datagrams").one_input(seed_of("datagrams", "subscribe_reliable"))
 
 
 def test_a_limit_that_does_not_hold_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
     from uros.wire.streams import ReliableIn
 
-    made = ReliableIn.__init__
-    monkeypatch.setattr(ReliableIn, "__init__", lambda self, depth=16: made(self, 1000))
+    create = ReliableIn.__init__
+    monkeypatch.setattr(ReliableIn, "__init__", lambda self, depth=16: create(self, 1000))
     bare = target("datagrams")
     gaps = [(bare.RELIABLE << 2, b"")]
     gaps += [(0, b"\x81\x80" + n.to_bytes(2, "little") + b"\x0b\1\0\0") for n in range(2, 40)]
@@ -115,7 +115,7 @@ def test_another_client_that_is_harmed_is_a_finding(monkeypatch: pytest.MonkeyPa
 
     monkeypatch.setattr(Agent, "gone", gone)
     with pytest.raises(world.Finding):
-        target("datagrams").one_input(kept_as("datagrams", "again"))
+        target("datagrams").one_input(seed_of("datagrams", "again"))
 
 
 def test_an_internal_error_in_the_log_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -126,7 +126,7 @@ def test_an_internal_error_in_the_log_is_a_finding(monkeypatch: pytest.MonkeyPat
 
     monkeypatch.setattr(ObjectFactory, "_create_endpoint", broken)
     with pytest.raises(world.Finding, match="internal error"):
-        target("datagrams").one_input(kept_as("datagrams", "publisher"))
+        target("datagrams").one_input(seed_of("datagrams", "publisher"))
 
 
 def test_lost_frames_are_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -136,13 +136,13 @@ def test_lost_frames_are_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
     noise = []
 
     def deaf(self, data):
-        """After noise it hears nothing any more."""
+        """Drop all data after noise."""
         noise.extend([data] if b"ESP" in data else [])
         return feed(self, b"" if noise else data)
 
     monkeypatch.setattr(Deframer, "feed", deaf)
     with pytest.raises(world.Finding):
-        target("serial").one_input(kept_as("serial", "publish_reliable"))
+        target("serial").one_input(seed_of("serial", "publish_reliable"))
 
 
 def test_chunks_that_matter_are_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -158,27 +158,27 @@ def test_chunks_that_matter_are_a_finding(monkeypatch: pytest.MonkeyPatch) -> No
 
     monkeypatch.setattr(LengthDeframer, "feed", forgetful)
     with pytest.raises(world.Finding):
-        target("tcp").one_input(kept_as("tcp", "publish_reliable"))
+        target("tcp").one_input(seed_of("tcp", "publish_reliable"))
 
 
-def test_a_frame_that_lies_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_wrong_can_frame_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
     from uros.agent.transports import can
 
     monkeypatch.setattr(can, "can_frame", lambda message: bytearray(message).ljust(64, b"\0"))
     with pytest.raises(world.Finding):
-        target("can").one_input(kept_as("can", "talk"))
+        target("can").one_input(seed_of("can", "talk"))
 
 
 def test_xml_that_raises_anything_else_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
     from uros.agent.objects import xml_profiles
 
     monkeypatch.setattr(xml_profiles, "_number", lambda text, what: int(text))
-    broken = kept_as("xml", "writer").replace(b"<depth>5", b"<depth>x")
+    broken = seed_of("xml", "writer").replace(b"<depth>5", b"<depth>x")
     with pytest.raises(ValueError, match="invalid literal"):
         target("xml").one_input(broken)
 
 
-def test_a_rule_that_cannot_be_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_invalid_rule_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
     from uros.agent.policy import rules
 
     monkeypatch.setattr(rules, "_namespace", lambda value: value)
@@ -186,7 +186,7 @@ def test_a_rule_that_cannot_be_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> 
         target("toml").one_input(b'[[client]]\nnamespace = "hall"')
 
 
-def test_a_state_that_is_not_sound_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_error_in_restoring_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
     from uros.agent.persistence.session_store import SessionStore
 
     def restored(self, kept):
@@ -194,35 +194,35 @@ def test_a_state_that_is_not_sound_is_a_finding(monkeypatch: pytest.MonkeyPatch)
 
     monkeypatch.setattr(SessionStore, "_restore", restored)
     with pytest.raises(ZeroDivisionError):
-        target("state").one_input(kept_as("state", "one"))
+        target("state").one_input(seed_of("state", "one"))
 
 
 def test_a_description_that_harms_terminals_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(target("recording"), "format_message", lambda message: "\033[2J")
     with pytest.raises(world.Finding):
-        target("recording").one_input(kept_as("recording", "ping"))
+        target("recording").one_input(seed_of("recording", "ping"))
 
 
 def test_a_modem_that_is_not_woken_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
     from uros.transport.esp8266 import Esp8266Transport
 
     def wake(self):
-        """It may wait for the rest of a datagram, and nobody gives it that."""
+        """The modem may wait for the rest of a datagram, which is never sent."""
         if not (yield from self._ask("AT", 300)):
             raise OSError(19, "the modem does not answer")
 
     monkeypatch.setattr(Esp8266Transport, "_wake", wake)
     with pytest.raises(world.Finding, match="does not heal"):
-        target("modems").one_input(kept_as("modems", "esp_talks"))
+        target("modems").one_input(seed_of("modems", "esp_talks"))
 
 
-@pytest.mark.parametrize("which", ["esp_floods", "gs_floods"])
-def test_answers_without_end_are_a_finding(monkeypatch: pytest.MonkeyPatch, which: str) -> None:
+@pytest.mark.parametrize("seed", ["esp_floods", "gs_floods"])
+def test_answers_without_end_are_a_finding(monkeypatch: pytest.MonkeyPatch, seed: str) -> None:
     from uros.transport.at_modem import ModemTransport
 
     monkeypatch.setattr(ModemTransport, "_ended", lambda self, line: self._answers.append(line))
     with pytest.raises(world.Finding, match="answers are kept"):
-        target("modems").one_input(kept_as("modems", which))
+        target("modems").one_input(seed_of("modems", seed))
 
 
 def test_parsers_that_differ_are_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -240,7 +240,7 @@ def test_a_message_that_does_not_come_through_is_a_finding(
 
     monkeypatch.setattr(Table, "unpack_into", lambda self, buf, o, start, end, little=True: end)
     with pytest.raises(world.Finding):
-        target("definitions").one_input(kept_as("definitions", "all"))
+        target("definitions").one_input(seed_of("definitions", "all"))
 
 
 def test_a_board_that_trusts_its_agent_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -252,15 +252,15 @@ def test_a_board_that_trusts_its_agent_is_a_finding(monkeypatch: pytest.MonkeyPa
     monkeypatch.undo()
     monkeypatch.setattr(Session, "renew", lambda self: None)
     with pytest.raises(world.Finding):
-        target("board_session").one_input(kept_as("board_session", "program_0"))
+        target("board_session").one_input(seed_of("board_session", "program_0"))
 
 
 # --- the command ---------------------------------------------------------------------------
 
 
-def test_replay_is_for_everybody(tmp_path: Path) -> None:
+def test_replay_needs_no_fuzzer(tmp_path: Path) -> None:
     file = tmp_path / "input"
-    file.write_bytes(kept_as("toml", "all"))
+    file.write_bytes(seed_of("toml", "all"))
     command = [sys.executable, str(ROOT / "fuzz" / "run.py"), "toml", "--replay", str(file)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=50)
     assert done.returncode == 0, done.stderr

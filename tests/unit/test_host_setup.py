@@ -1,4 +1,4 @@
-"""What docs/host-setup.md and deploy/ name: files, extras, commands that are understood."""
+"""Files, extras and commands in docs/host-setup.md and deploy/ exist and are accepted."""
 
 import argparse
 import re
@@ -17,11 +17,13 @@ COMPOSE = (ROOT / "deploy" / "compose.yaml").read_text("utf-8")
 PROJECT = (ROOT / "pyproject.toml").read_text("utf-8")
 
 
-def understood(words):
-    """Whether ``uros agent`` takes these words; parsed as it does, without starting anything."""
+def accepted(words):
+    """Whether ``uros agent`` accepts these words; parses them without starting an agent."""
     parser = argparse.ArgumentParser()
     agent.add_arguments(parser)
-    (transports,) = [it for it in parser._actions if isinstance(it, argparse._SubParsersAction)]
+    (transports,) = [
+        action for action in parser._actions if isinstance(action, argparse._SubParsersAction)
+    ]
     rest = words
     while rest:
         transport, *rest = rest
@@ -32,11 +34,11 @@ def understood(words):
 
 
 def copied():
-    """What the Containerfile copies into the image."""
-    found = []
+    """Return the names that the Containerfile copies into the image."""
+    copies = []
     for names in re.findall(r"^COPY (.+)$", CONTAINERFILE, re.M):
-        found += names.split()[:-1]
-    return found
+        copies += names.split()[:-1]
+    return copies
 
 
 def test_the_container_gets_what_the_package_is_built_from():
@@ -49,9 +51,9 @@ def test_the_container_gets_what_the_package_is_built_from():
 
 
 @pytest.mark.parametrize("name", ["Containerfile.containerignore", "Containerfile.dockerignore"])
-def test_nothing_that_is_copied_is_kept_out(name):
+def test_no_copied_file_is_ignored(name):
     lines = (ROOT / "deploy" / name).read_text("utf-8").splitlines()
-    assert [it[1:] for it in lines if it.startswith("!")] == copied()
+    assert [line[1:] for line in lines if line.startswith("!")] == copied()
 
 
 def test_the_container_s_extras_and_python_are_the_project_s():
@@ -64,26 +66,26 @@ def test_the_container_s_extras_and_python_are_the_project_s():
     assert int(oldest) <= int(version) < int(newest)
 
 
-def test_what_the_container_starts_is_understood():
+def test_the_command_of_the_container_is_accepted():
     (entry,) = re.findall(r"^ENTRYPOINT (.+)$", CONTAINERFILE, re.M)
     (command,) = re.findall(r"^CMD (.+)$", CONTAINERFILE, re.M)
     words = [*re.findall(r'"(.*?)"', entry), *re.findall(r'"(.*?)"', command)]
-    assert words[:2] == ["uros", "agent"] and understood(words[2:])
+    assert words[:2] == ["uros", "agent"] and accepted(words[2:])
 
 
-def test_what_compose_starts_is_understood():
+def test_the_command_of_compose_is_accepted():
     (command,) = re.findall(r"^    command: >-\n((?:      .+\n)+)", COMPOSE, re.M)
     text = re.sub(r"\$\{\w+:-(.*?)\}", r"\1", command)
     words = text.split()
-    assert words[0] == "agent" and understood(words[1:])
+    assert words[0] == "agent" and accepted(words[1:])
     assert "dockerfile: deploy/Containerfile" in COMPOSE
 
 
-def test_the_agents_of_the_page_are_understood():
+def test_the_agent_commands_on_the_page_are_accepted():
     commands = re.findall(r"^(?:uros |.*? uros )agent ([^\n#]+)", "\n".join(blocks()), re.M)
     assert len(commands) >= 4
     for command in commands:
-        assert understood(shlex.split(command)), command
+        assert accepted(shlex.split(command)), command
 
 
 def blocks():
@@ -91,17 +93,19 @@ def blocks():
     return re.findall(r"^```\n(.*?)^```$", text, re.M | re.S)
 
 
-def test_no_container_is_given_the_whole_machine():
-    told = "\n".join(blocks()) + COMPOSE
-    assert "--privileged" not in told and "privileged: true" not in told
-    runs = [it for block in blocks() for it in block.splitlines() if re.match(r"\w+ run ", it)]
+def test_no_container_is_privileged():
+    text = "\n".join(blocks()) + COMPOSE
+    assert "--privileged" not in text and "privileged: true" not in text
+    runs = [
+        line for block in blocks() for line in block.splitlines() if re.match(r"\w+ run ", line)
+    ]
     assert len(runs) == 2
     for run in runs:
         assert "--network=host" in run and "--device /dev/ttyACM0" in run and "--group-add" in run
 
 
 def test_the_ports_of_dds():
-    """RTPS 9.6.2: 7400 + 250 a domain; what the page calls safe ends below Linux's own ports."""
+    """RTPS 9.6.2: 7400 + 250 a domain; safe domains end below Linux's ephemeral ports."""
     first, last = map(int, re.search(r"UDP ports (\d+) to (\d+) for domain 0", PAGE).groups())
     assert (first, last) == (7400, 7400 + 250 - 1)
     (safe,) = re.findall(r"the same number, 0 to (\d+) to be safe", PAGE)
@@ -109,13 +113,13 @@ def test_the_ports_of_dds():
     assert int(safe) <= MAX_DOMAIN
 
 
-def test_the_rule_is_for_the_board_that_it_says():
+def test_the_udev_rule_is_for_the_board_of_the_page():
     main = (ROOT / "firmware" / "ra6m5_sensor_node" / "main.py").read_text("utf-8")
     vendor, product = re.search(r'idVendor\}=="(\w+)", ATTRS\{idProduct\}=="(\w+)"', PAGE).groups()
     assert re.search(rf"0x{vendor}, 0x{product}", main, re.I)
 
 
-def test_what_was_not_tried_says_so():
+def test_untested_platforms_are_marked():
     for name in ("WSL 2", "macOS", "Windows"):
         (section,) = re.findall(rf"^## {name}\n\n(.*?)(?=^## |\Z)", PAGE, re.M | re.S)
         assert section.startswith("Not tested.")

@@ -1,4 +1,4 @@
-"""Old imports are refused with the new name: by ``import`` itself, for each entry of the table."""
+"""An import of an old name raises an error with the new name, for each entry of the table."""
 
 import importlib
 import importlib.util
@@ -15,7 +15,7 @@ SOURCE = Path(uros.__file__).parent
 
 
 def names_bound_in(module: str) -> set[str]:
-    """What the module's text binds, without importing it: some need a tool that may be missing."""
+    """Return the names that a module binds, without an import, for which tools may be missing."""
     import ast
 
     from uros.boards.builder.scopes import bound
@@ -36,17 +36,17 @@ def test_a_moved_module_names_its_new_place_which_exists(old: str) -> None:
     assert is_module(new) and not is_module(old)
     with pytest.raises(ModuleNotFoundError) as caught:
         importlib.import_module(old)
-    told = str(caught.value)
     parents = [old.rsplit(".", up)[0] for up in range(1, old.count("."))]
-    assert told in {f"{it} is now {moved.MODULES.get(it)}" for it in (old, *parents)}
+    texts = {f"{module} is now {moved.MODULES.get(module)}" for module in (old, *parents)}
+    assert str(caught.value) in texts
 
 
 @pytest.mark.parametrize("old", moved.NAMES)
 def test_a_moved_name_names_its_new_place_which_exists(old: str) -> None:
     module, _, name = old.rpartition(".")
-    place, _, there = moved.NAMES[old].rpartition(".")
+    place, _, new_name = moved.NAMES[old].rpartition(".")
     assert is_module(module) and not is_module(old) and name not in names_bound_in(module)
-    assert there in names_bound_in(place)
+    assert new_name in names_bound_in(place)
     with pytest.raises(ImportError) as caught:
         exec(f"from {module} import {name}", {})
     assert str(caught.value) == f"{old} is now {moved.NAMES[old]}"
@@ -61,19 +61,19 @@ def test_a_moved_name_names_its_new_place_which_exists(old: str) -> None:
         "import uros.transport.stream as line",
     ),
 )
-def test_each_form_of_import_is_told_the_new_name(statement: str) -> None:
+def test_each_form_of_import_raises_the_new_name(statement: str) -> None:
     with pytest.raises(ModuleNotFoundError, match=r"uros\.transport\.stream is now") as caught:
         exec(statement, {})
     assert "uros.transport.serial" in str(caught.value)
 
 
-def test_a_module_inside_of_a_moved_package_is_told_too() -> None:
+def test_a_module_inside_of_a_moved_package_raises_the_new_name() -> None:
     with pytest.raises(ModuleNotFoundError, match="uros.boards.shims is now uros.boards.virtual"):
         importlib.import_module("uros.boards.shims.machine")
     assert moved.advice("uros.boards.shims.machine").startswith("uros.boards.shims is now")
 
 
-def test_what_did_not_move_is_found_or_missing_as_ever() -> None:
+def test_other_imports_are_unchanged() -> None:
     assert importlib.import_module("uros.transport.udp").UdpTransport
     assert moved.advice("uros.transport.udp.UdpTransport") == ""
     assert moved.advice("uros.transport.telepathy") == ""
@@ -85,20 +85,20 @@ def test_what_did_not_move_is_found_or_missing_as_ever() -> None:
     assert not hasattr(session, "nothing_of_the_kind")
 
 
-def test_installing_twice_is_installing_once() -> None:
+def test_install_is_idempotent() -> None:
     moved.install()
     moved.install()
     assert sum(finder is moved._Finder for finder in sys.meta_path) == 1
 
 
-def test_a_program_is_told_by_its_traceback() -> None:
+def test_a_programs_traceback_has_the_new_name() -> None:
     program = "from uros.transport.udp import UdpServer\n"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert done.returncode == 1
     assert "uros.transport.udp.UdpServer is now uros.agent.transports.udp.UdpServer" in done.stderr
 
 
-def test_importing_uros_loads_the_table_and_nothing_for_it() -> None:
+def test_importing_uros_loads_only_the_table() -> None:
     program = (
         "import sys; before = set(sys.modules); sys.path.insert(0, sys.argv[1]); import uros;"
         "print(sorted(set(sys.modules) - before))"

@@ -14,7 +14,7 @@ def test_topics(ros, dds):
 
 
 @pytest.mark.parametrize("dds", ["chatter", "ros_discovery_info", "rq/goRequest", "rtx/y", ""])
-def test_what_is_no_topic(dds):
+def test_names_that_are_no_topics(dds):
     assert names.topic_from_dds(dds) is None
 
 

@@ -1,4 +1,4 @@
-"""Text from outside: what is left of it on a line, and the stream before a command's output."""
+"""Escaping of text from outside, and the stream that escapes a command's output."""
 
 import io
 
@@ -37,12 +37,12 @@ def test_text_stays_as_it_is(text):
         ("\U000e0041", "\\U000e0041"),
     ],
 )
-def test_what_a_terminal_obeys_or_hides_is_escaped(text, safe):
+def test_control_and_invisible_characters_are_escaped(text, safe):
     assert printable(text) == safe and not is_printable(text)
     assert printable_ascii(text) == safe
 
 
-def test_some_may_stay():
+def test_allowed_characters_are_not_escaped():
     assert printable("a\nb\r", "\n") == "a\nb\\r"
 
 
@@ -66,11 +66,11 @@ def test_a_stream_passes_lines_and_tabs_and_escapes_the_rest():
     seen(written(HOSTILE.replace("\n", "") + UNENCODABLE))
 
 
-def test_a_stream_escapes_what_its_encoding_lacks():
+def test_a_stream_escapes_characters_outside_its_encoding():
     assert written("grün", "ascii") == "gr\\xfcn\n"
 
 
-def test_a_stream_is_put_in_front_once_and_the_one_behind_is_had():
+def test_a_stream_is_wrapped_once_and_can_be_unwrapped():
     raw = io.StringIO()
     stream = guarded(raw)
     assert guarded(stream) is stream and unguarded(stream) is raw and unguarded(raw) is raw
