@@ -1,10 +1,10 @@
-"""Pages that a browser shows live, served on this machine, and what stands behind them.
+"""Live pages for a browser, served on this machine, and the data for them.
 
-``serve``     HTTP for a few pages and what they ask for again and again
-``pictures``  image messages, checked, as files that a browser shows
-``samples``   a rover's torques and speeds, found in what it sends
-``tuning``    the conversation with a rover whose wheels are tuned
-``pages/``    HTML, CSS and JavaScript, which load nothing from elsewhere
+``serve``     HTTP server of a few pages and their periodic requests
+``pictures``  checks image messages and converts them to files for a browser
+``samples``   parser of a rover's torques and speeds
+``tuning``    the connection of a rover whose wheels are tuned
+``pages/``    HTML, CSS and JavaScript, which load nothing from other hosts
 
-Nothing here knows DDS: the verbs of `uros.tools` bring the messages.
+The package does not use DDS: the verbs of `uros.tools` pass the messages to it.
 """

@@ -1,7 +1,7 @@
-"""Converts image messages to files that a browser shows; they are checked first.
+"""Checks image messages and converts them to files that a browser shows.
 
-What a picture is says its first octets, never its sender: ``format`` of a CompressedImage is not
-looked at. Raw images become PNG.
+The first octets of a picture decide its format; ``format`` of a CompressedImage is ignored. Raw
+images are converted to PNG.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Picture(NamedTuple):
     height: int
     stamp_ns: int
     frame_id: str
-    was: str  # what was sent, such as "jpeg" or "bgr8"
+    was: str  # the format received, such as "jpeg" or "bgr8"
 
     @property
     def mime(self) -> str:
@@ -108,7 +108,7 @@ def _check_size(width: int, height: int) -> None:
 
 
 def _jpeg_size(data: bytes) -> tuple[int, int]:
-    """Return width and height; a picture that a small camera buffer cut off is refused."""
+    """Return width and height; raises PictureError for a truncated picture."""
     size, scan = None, len(data)
     for marker, at, length in _segments(data):
         if marker == 0xDA:
@@ -120,7 +120,7 @@ def _jpeg_size(data: bytes) -> tuple[int, int]:
             size = width, height
     if size is None:
         raise PictureError("its JPEG says no size: it is broken")
-    # Bytes behind the end are ignored: cameras pad their buffers.
+    # Bytes after the end are ignored: cameras pad their buffers.
     if data.find(b"\xff\xd9", scan) < 0:
         raise PictureError("its JPEG has no end: it was cut off, perhaps by too small a buffer")
     return size
@@ -165,7 +165,7 @@ def png(image: Any) -> bytes:
         raise PictureError(
             f"its encoding is {image.encoding[:24]!r}; shown are {', '.join(_ENCODINGS)}"
         )
-    octets, colour, bits, turned = known
+    octets, colour, bits, swapped = known
     width, height, step = image.width, image.height, image.step
     _check_size(width, height)
     row = width * octets
@@ -177,8 +177,8 @@ def png(image: Any) -> bytes:
     lines = bytearray((row + 1) * height)  # filter type 0 before each row
     for y in range(height):
         lines[y * (row + 1) + 1 : (y + 1) * (row + 1)] = data[y * step : y * step + row]
-    if turned:
-        _turn(lines, row, octets)
+    if swapped:
+        _swap_red_and_blue(lines, row, octets)
     elif bits == 16 and not image.is_bigendian:
         for y in range(height):
             begin, end = y * (row + 1) + 1, (y + 1) * (row + 1)
@@ -191,8 +191,7 @@ def png(image: Any) -> bytes:
     return _PNG + _chunk(b"IHDR", head) + _chunk(b"IDAT", body) + _chunk(b"IEND", b"")
 
 
-def _turn(lines: bytearray, row: int, octets: int) -> None:
-    """Swap red and blue."""
+def _swap_red_and_blue(lines: bytearray, row: int, octets: int) -> None:
     for begin in range(1, len(lines), row + 1):
         end = begin + row
         blue = lines[begin:end:octets]

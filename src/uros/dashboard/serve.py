@@ -1,8 +1,8 @@
 """Serves a few pages on this machine over HTTP, and their periodic requests.
 
-A page's question may be left unanswered until there is news, for a second or so: that is how a page
-is live. Who may ask is said in :mod:`uros.http_server`; besides, what changes something must be
-JSON, which pages of other origins may not send.
+A page's request may stay open until there is new data, for about a second: so the page is live.
+:mod:`uros.http_server` decides which requests are accepted; besides, a request that changes
+something must be JSON, which pages of other origins may not send.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from urllib.parse import parse_qs
 
 from ..http_server import MAX_BODY, Handler, HttpServer
 
-# Attack: requests without end. So many are answered at a time; others wait.
+# Attack: a flood of requests. The largest number answered at a time; others wait.
 MAX_ANSWERS: Final = 32
 # Attack: a query with many fields.
 _MAX_FIELDS: Final = 8
-_STRANGER: Final = "open this page by this machine's address, such as http://127.0.0.1\n"
+_WRONG_HOST: Final = "open this page by this machine's address, such as http://127.0.0.1\n"
 
 _MIME: Final = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
 # No content from other origins, and no embedding in frames.
@@ -59,10 +59,17 @@ Post = Callable[[Any], Answer]
 
 
 class Pages:
-    """The files ``names`` of ``pages/``, the first of them at ``/``, and what they ask for.
+    """Serves files of ``pages/`` and answers their requests, until `close`.
 
-    ``get`` and ``post`` are by path, and are called in threads. Raises OSError where the port
-    cannot be had; ``port`` 0 takes any. It serves until `close`.
+    Args:
+        host: The address to listen at.
+        port: The TCP port; 0 for any free one.
+        names: The files; the first is also at ``/``.
+        get: Handlers of GET requests, by path. They are called in threads.
+        post: Handlers of POST requests, by path. They are called in threads.
+
+    Raises:
+        OSError: The port cannot be used.
     """
 
     def __init__(
@@ -97,10 +104,10 @@ class _Http(HttpServer):
         self.files: dict[str, tuple[bytes, str]] = {}
         self.get: dict[str, Get] = {}
         self.post: dict[str, Post] = {}
-        super().__init__(host, port, _Handler, MAX_ANSWERS, _STRANGER, _tell)
+        super().__init__(host, port, _Handler, MAX_ANSWERS, _WRONG_HOST, _report)
 
 
-def _tell(error: Exception) -> None:
+def _report(error: Exception) -> None:
     traceback.print_exception(error)
 
 
@@ -109,17 +116,17 @@ class _Handler(Handler):
 
     def do_GET(self) -> None:
         path, _, query = self.path.partition("?")
-        known = self.server.files.get(path)
-        if known is not None:
-            self._send(Answer(200, *known))
+        file = self.server.files.get(path)
+        if file is not None:
+            self._send(Answer(200, *file))
         elif path in self.server.get:
             try:
                 fields = parse_qs(query, max_num_fields=_MAX_FIELDS)
             except ValueError:
                 self._refuse(400, f"ask with at most {_MAX_FIELDS} fields")
                 return
-            asked = {name: values[-1] for name, values in fields.items()}
-            self._send(self.server.get[path](asked))
+            query_fields = {name: values[-1] for name, values in fields.items()}
+            self._send(self.server.get[path](query_fields))
         else:
             self._refuse(404, "there is no such page; go to /")
 
@@ -169,20 +176,20 @@ class Newest:
         self._changed.release()
 
     def change(self) -> None:
-        """Count a new version; called within ``with``."""
+        """Count a new version; call within ``with``."""
         self.version += 1
         self._changed.notify_all()
 
-    def wait(self, seen: int, seconds: float) -> None:
-        """Wait for a version other than ``seen``, at most so long; called within ``with``."""
+    def wait(self, version: int, seconds: float) -> None:
+        """Wait ``seconds`` at most for a version other than ``version``; call within ``with``."""
         end = time.monotonic() + seconds
-        while self.version == seen and (left := end - time.monotonic()) > 0:
+        while self.version == version and (left := end - time.monotonic()) > 0:
             self._changed.wait(left)
 
 
-def number(asked: dict[str, str], name: str) -> int:
-    """Return a whole number of a query; -1 where there is none."""
-    text = asked.get(name, "")
+def number(query: dict[str, str], name: str) -> int:
+    """Return a whole number of a query, or -1."""
+    text = query.get(name, "")
     return int(text) if text.isdecimal() and len(text) < 16 else -1
 
 

@@ -1,7 +1,6 @@
 """The connection of a rover whose wheels are tuned: it sends samples and receives gains.
 
-One rover at a time, the one that connected last: a rover that was reset left an open connection
-behind.
+It serves one rover, the last that connected: a rover that was reset leaves an open connection.
 """
 
 from __future__ import annotations
@@ -19,19 +18,22 @@ from .samples import Sample, Samples
 from .serve import Newest
 
 HISTORY: Final = 100
-# The document's rover sends messages without line ends: a pause of so many seconds ends one.
+# The document's rover sends messages without line ends: a pause of so many seconds ends a message.
 PAUSE: Final = 0.05
 _NOTES: Final = 40
 _SEND_SECONDS: Final = 2.0
 _SIZE: Final = 4096
-# Attack: a flood of invalid lines. So many notes a second are stored, and the rest counted.
+# Attack: a flood of invalid lines. Most notes stored a second; the rest is counted.
 _NOTES_A_SECOND: Final = 5
 
 
 class Tuning:
-    """Listens for the rover at ``host`` and ``port``, in a thread of its own, until `close`.
+    """Listens for the rover at ``host`` and ``port``, in its own thread, until `close`.
 
-    Raises OSError where it cannot. `snapshot` and `send` are for any thread.
+    `snapshot` and `send` may be called in any thread.
+
+    Raises:
+        OSError: The port cannot be used.
     """
 
     def __init__(self, host: str, port: int) -> None:
@@ -68,15 +70,15 @@ class Tuning:
         self._wake.send(b"x")
         self._thread.join()
         self._drop()
-        for one in (self._listener, self._wake, self._woken):
-            one.close()
+        for sock in (self._listener, self._wake, self._woken):
+            sock.close()
 
     # --- for the page and the terminal -----------------------------------------------------
 
-    def snapshot(self, seen: int = -1, seconds: float = 0.0) -> dict[str, Any]:
-        """Return the state that a page shows, for JSON; waits for a version other than ``seen``."""
+    def snapshot(self, version: int = -1, seconds: float = 0.0) -> dict[str, Any]:
+        """Return the page's state, for JSON, when its version is not ``version`` any more."""
         with self.newest:
-            self.newest.wait(seen, seconds)
+            self.newest.wait(version, seconds)
             return {
                 "version": self.newest.version,
                 "rover": self._name,
@@ -88,12 +90,12 @@ class Tuning:
                 "notes": list(self._notes),
             }
 
-    def notes_since(self, seen: int, seconds: float) -> tuple[int, list[str]]:
-        """Return the notes after number ``seen``, waiting for them, and the last one's number."""
+    def notes_since(self, last: int, seconds: float) -> tuple[int, list[str]]:
+        """Wait for notes after number ``last``; return the number of the newest note, and them."""
         with self.newest:
-            if self._noted == seen:
+            if self._noted == last:
                 self.newest.wait(self.newest.version, seconds)
-            fresh = [note["text"] for note in self._notes if note["number"] > seen]
+            fresh = [note["text"] for note in self._notes if note["number"] > last]
             return self._noted, fresh
 
     def send(self, line: str) -> str:
@@ -121,7 +123,7 @@ class Tuning:
     # --- the thread ---------------------------------------------------------------------------
 
     def _run(self) -> None:
-        samples = Samples()
+        parser = Samples()
         pending = False
         while True:
             rover = self._rover
@@ -132,24 +134,24 @@ class Tuning:
             if self._listener in ready:
                 self._accept()
                 if self._rover is not rover:
-                    samples, pending = Samples(), False
+                    parser, pending = Samples(), False
                     continue
             if rover is None:
                 continue
             if rover in ready:
                 octets = self._receive(rover)
                 if octets is None:
-                    self._took(samples, samples.flush())
-                    self._gone("the rover has closed the connection")
+                    self._add(parser, parser.flush())
+                    self._disconnect("the rover has closed the connection")
                     continue
-                self._took(samples, samples.feed(octets))
+                self._add(parser, parser.feed(octets))
                 pending = True
             else:
-                self._took(samples, samples.flush())
+                self._add(parser, parser.flush())
                 pending = False
 
     def _receive(self, rover: socket.socket) -> bytes | None:
-        """Read from the rover; None where it has disconnected."""
+        """Read from the rover; return None if it has disconnected."""
         try:
             return rover.recv(_SIZE) or None
         except (TimeoutError, BlockingIOError):
@@ -165,14 +167,16 @@ class Tuning:
         rover.settimeout(_SEND_SECONDS)
         rover.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         rover.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-        known = self._rover is not None
+        replaced = self._rover is not None
         self._drop()
         with self.newest:
             self._rover, self._name = rover, str(address[0])
             self._samples.clear()
-            self._note(f"connected: {address[0]}{' in place of the rover before' if known else ''}")
+            self._note(
+                f"connected: {address[0]}{' in place of the rover before' if replaced else ''}"
+            )
 
-    def _gone(self, why: str) -> None:
+    def _disconnect(self, why: str) -> None:
         self._drop()
         with self.newest:
             self._note(f"{why}; waiting for it to connect again")
@@ -181,21 +185,21 @@ class Tuning:
         with self.newest:
             rover, self._rover, self._name = self._rover, None, ""
         if rover is not None:
-            _shut(rover)  # a sender must not block
+            _shut(rover)  # ends a blocked send
             with self._sending:
                 rover.close()
 
-    def _took(self, samples: Samples, found: list[Sample]) -> None:
-        said, faults = samples.said[:], samples.faults
-        samples.said.clear()
-        samples.faults = 0
-        if not found and not said and not faults:
+    def _add(self, parser: Samples, samples: list[Sample]) -> None:
+        notes, faults = parser.notes[:], parser.faults
+        parser.notes.clear()
+        parser.faults = 0
+        if not samples and not notes and not faults:
             return
         with self.newest:
-            self._samples.extend(found)
-            self._count += len(found)
+            self._samples.extend(samples)
+            self._count += len(samples)
             self._left_out += faults
-            for text in said:
+            for text in notes:
                 self._note(text, limited=True)
             self.newest.change()
 

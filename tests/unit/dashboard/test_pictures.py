@@ -1,4 +1,4 @@
-"""Pictures from outside: what is shown, and what is refused in words."""
+"""Pictures from outside: formats that are shown, and errors of those that are rejected."""
 
 import base64
 import struct
@@ -35,7 +35,7 @@ def refused(call, *arguments):
     return str(caught.value)
 
 
-def test_a_camera_s_picture():
+def test_the_picture_of_a_camera():
     message = CompressedImage(format="anything", data=JPEG)
     message.header.stamp.sec, message.header.stamp.nanosec = 5, 7
     message.header.frame_id = "myframe"
@@ -45,13 +45,13 @@ def test_a_camera_s_picture():
     assert (shown.data, shown.frame_id, shown.was) == (JPEG, "myframe", "jpeg")
 
 
-def test_what_it_is_say_its_octets_and_not_its_sender():
+def test_the_octets_decide_the_format_of_a_picture():
     shown = picture(CompressedImage(format="jpeg", data=PNG))
     assert (shown.kind, shown.mime, shown.width, shown.height) == ("png", "image/png", 16, 8)
 
 
 @pytest.mark.parametrize(
-    ("data", "said"),
+    ("data", "error"),
     [
         (b"", "it is empty"),
         (b"<svg onload=alert(1)>", "begins with 3c 73 76 67, which is neither JPEG nor PNG"),
@@ -67,17 +67,17 @@ def test_what_it_is_say_its_octets_and_not_its_sender():
         (JPEG.replace(b"\x08\x00\x08\x00\x10", b"\x08\xff\xff\xff\xff"), "it is 65535×65535"),
         (JPEG + bytes(pictures.MAX_OCTETS), "more than 16 MiB"),
     ],
-    ids=lambda it: it if isinstance(it, str) else str(len(it)),
+    ids=lambda value: value if isinstance(value, str) else str(len(value)),
 )  # fmt: skip
-def test_what_is_refused(data, said):
-    assert said in refused(look, data)
+def test_pictures_that_are_rejected(data, error):
+    assert error in refused(look, data)
 
 
-def test_a_camera_s_buffer_may_be_longer_than_its_picture():
+def test_the_buffer_of_a_camera_may_be_longer_than_its_picture():
     assert look(JPEG + bytes(9000)) == ("jpeg", 16, 8)
 
 
-def test_the_end_of_a_thumbnail_is_not_the_picture_s():
+def test_the_end_of_a_thumbnail_is_not_the_end_of_the_picture():
     thumbnail = b"\xff\xe1" + struct.pack(">H", 2 + len(JPEG)) + JPEG
     assert look(JPEG[:2] + thumbnail + JPEG[2:]) == ("jpeg", 16, 8)
     assert "no end" in refused(look, JPEG[:2] + thumbnail + JPEG[2:-2])
@@ -97,7 +97,7 @@ def test_any_octets(octets, head):
 
 
 def unpacked(data):
-    """Rows of a PNG without filters: width, height, bits, colour type, rows."""
+    """Decode a PNG without filters: width, height, bits, colour type, rows."""
     assert data[:8] == b"\x89PNG\r\n\x1a\n"
     at, body, names = 8, b"", []
     while at < len(data):
@@ -143,14 +143,14 @@ def test_encodings(encoding, octets, big, wanted):
     assert look(shown.data) == ("png", 2, 1)
 
 
-def test_rows_with_something_behind_them():
+def test_rows_with_padding():
     data = bytes.fromhex("010203 ffff 040506 ffff 070809")
     image = Image(height=3, width=1, encoding="bgr8", step=5, data=data)
     assert [row.hex() for row in unpacked(picture(image).data)[4]] == ["030201", "060504", "090807"]
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "error"),
     [
         ({"encoding": "bayer_rggb8"}, "its encoding is 'bayer_rggb8'; shown are rgb8, bgr8"),
         ({"width": 0}, "it is 0×2: it has no pixels"),
@@ -160,6 +160,6 @@ def test_rows_with_something_behind_them():
         ({"height": 3}, "3 rows need 18"),
     ],
 )
-def test_raw_images_that_cannot_be(change, said):
+def test_raw_images_that_are_rejected(change, error):
     fields = {"height": 2, "width": 2, "encoding": "rgb8", "step": 6, "data": bytes(12), **change}
-    assert said in refused(picture, Image(**fields))
+    assert error in refused(picture, Image(**fields))

@@ -1,4 +1,4 @@
-"""What a rover sends, however it was cut, joined or spoilt."""
+"""Parsing of a rover's samples, split, joined or damaged."""
 
 import pytest
 from hypothesis import given
@@ -11,60 +11,60 @@ PAUSE = None
 
 
 def read(*pieces):
-    """The samples of pieces that come one after the other, and the object that read them."""
-    samples, found = Samples(), []
+    """Parse pieces in turn; return the samples and the parser."""
+    parser, samples = Samples(), []
     for piece in pieces:
-        found += samples.flush() if piece is PAUSE else samples.feed(piece)
-    return found, samples
+        samples += parser.flush() if piece is PAUSE else parser.feed(piece)
+    return samples, parser
 
 
 @pytest.mark.parametrize("end", [b"\n", b"\r\n", b";", b"\n\n"])
 def test_with_line_ends(end):
-    found, samples = read(b"12,-3" + end + b" 15 , -4" + end, b"7,8,9,10" + end)
-    assert found == [(12, -3), (15, -4), (7, 8, 9, 10)] and not samples.faults
+    samples, parser = read(b"12,-3" + end + b" 15 , -4" + end, b"7,8,9,10" + end)
+    assert samples == [(12, -3), (15, -4), (7, 8, 9, 10)] and not parser.faults
 
 
 def test_as_the_document_sends_them():
-    """No line ends; each piece is one message, or a pause is behind it."""
-    found, samples = read(b"12,-3", PAUSE, b"15,-4", PAUSE, b"16,5", b"17,6", PAUSE)
-    assert found == [(12, -3), (15, -4), (16, 5), (17, 6)] and not samples.faults
+    """Without line ends each piece is one message, or a pause ends the message."""
+    samples, parser = read(b"12,-3", PAUSE, b"15,-4", PAUSE, b"16,5", b"17,6", PAUSE)
+    assert samples == [(12, -3), (15, -4), (16, 5), (17, 6)] and not parser.faults
 
 
 def test_a_rover_without_line_ends_that_never_pauses():
-    found, samples = read(*[b"%d,-3" % it for it in range(20)])
-    assert found == [(it, -3) for it in range(19)] and not samples.faults
+    samples, parser = read(*[b"%d,-3" % value for value in range(20)])
+    assert samples == [(value, -3) for value in range(19)] and not parser.faults
 
 
-def test_cut_within_a_number_without_line_end():
-    """That there are fewer values than in others tells it."""
-    found, samples = read(b"1,2,3,4", PAUSE, b"5,6", b"7,8,9", PAUSE)
-    assert found == [(1, 2, 3, 4), (5, 67, 8, 9)] and not samples.faults
+def test_split_within_a_number_without_line_end():
+    """A piece with fewer values than the samples before is continued by the next."""
+    samples, parser = read(b"1,2,3,4", PAUSE, b"5,6", b"7,8,9", PAUSE)
+    assert samples == [(1, 2, 3, 4), (5, 67, 8, 9)] and not parser.faults
 
 
-def test_cut_within_a_message_without_line_end():
-    found, samples = read(
+def test_split_within_a_message_without_line_end():
+    samples, parser = read(
         b"12,-3", PAUSE, b"15,", b"-4", PAUSE, b"1", b",2", PAUSE, b"3", b",4", b"5,6"
     )
-    assert found == [(12, -3), (15, -4), (1, 2), (3, 4)] and not samples.faults
-    assert samples.flush() == [(5, 6)]
+    assert samples == [(12, -3), (15, -4), (1, 2), (3, 4)] and not parser.faults
+    assert parser.flush() == [(5, 6)]
 
 
-def test_joined_without_line_end_a_sign_tells_them_apart():
-    found, samples = read(b"12,-3", PAUSE, b"15,-4-16,5", PAUSE)
-    assert found == [(12, -3), (15, -4), (-16, 5)] and not samples.faults
+def test_joined_without_line_end_a_sign_separates_messages():
+    samples, parser = read(b"12,-3", PAUSE, b"15,-4-16,5", PAUSE)
+    assert samples == [(12, -3), (15, -4), (-16, 5)] and not parser.faults
 
 
-def test_joined_without_anything_between_they_are_left_out():
-    found, samples = read(b"12,-3", PAUSE, b"12,-315,-4", PAUSE, b"7,8", PAUSE)
-    assert found == [(12, -3), (7, 8)]
-    assert samples.faults == 1 and "end each with a line end" in samples.said[0]
+def test_joined_without_a_sign_messages_are_dropped():
+    samples, parser = read(b"12,-3", PAUSE, b"12,-315,-4", PAUSE, b"7,8", PAUSE)
+    assert samples == [(12, -3), (7, 8)]
+    assert parser.faults == 1 and "end each with a line end" in parser.notes[0]
 
 
-def test_a_rover_may_begin_to_tell_more():
-    found, _ = read(b"1,2", PAUSE, b"1,2,3,4", PAUSE, b"5,6,7,8", PAUSE)
-    assert found == [(1, 2), (5, 6, 7, 8)]  # the first could have been two
-    found, samples = read(b"1,2\n1,2,3,4\n")
-    assert len(found) == 2 and not samples.faults
+def test_a_rover_may_send_more_values_later():
+    samples, _ = read(b"1,2", PAUSE, b"1,2,3,4", PAUSE, b"5,6,7,8", PAUSE)
+    assert samples == [(1, 2), (5, 6, 7, 8)]  # the first piece could be two messages
+    samples, parser = read(b"1,2\n1,2,3,4\n")
+    assert len(samples) == 2 and not parser.faults
 
 
 def test_one_value_is_a_sample():
@@ -72,7 +72,7 @@ def test_one_value_is_a_sample():
 
 
 @pytest.mark.parametrize(
-    ("line", "said"),
+    ("line", "note"),
     [
         (b"12,x", "x is no whole number"),
         (b"12,", "nothing is no whole number"),
@@ -84,30 +84,30 @@ def test_one_value_is_a_sample():
         ("\u0661".encode() * 3, "is no whole number"),
     ],
 )
-def test_what_is_left_out_is_told_and_the_rest_goes_on(line, said):
-    found, samples = read(b"1,2\n" + line + b"\n3,4\n")
-    assert found == [(1, 2), (3, 4)]
-    assert samples.faults == 1 and said in samples.said[0]
+def test_an_invalid_line_is_noted_and_the_next_is_read(line, note):
+    samples, parser = read(b"1,2\n" + line + b"\n3,4\n")
+    assert samples == [(1, 2), (3, 4)]
+    assert parser.faults == 1 and note in parser.notes[0]
 
 
 def test_a_remark_of_the_rover():
-    found, samples = read(b"# battery low <b>\n1,2\n")
-    assert found == [(1, 2)] and not samples.faults
-    assert samples.said == ["the rover says: battery low <b>"]
+    samples, parser = read(b"# battery low <b>\n1,2\n")
+    assert samples == [(1, 2)] and not parser.faults
+    assert parser.notes == ["the rover says: battery low <b>"]
 
 
-def test_no_more_words_are_kept_than_anybody_reads():
-    assert len(read(b"x\n" * 1000)[1].said) == 8
-    assert len(max(read(b"#" + b"y" * 200 + b"\n")[1].said)) < 150
+def test_at_most_eight_short_notes_are_stored():
+    assert len(read(b"x\n" * 1000)[1].notes) == 8
+    assert len(max(read(b"#" + b"y" * 200 + b"\n")[1].notes)) < 150
 
 
-def test_a_line_without_end_takes_no_memory():
-    samples = Samples()
+def test_the_memory_of_a_line_without_end_is_limited():
+    parser = Samples()
     for _ in range(100):
-        samples.feed(b"1" * 50)
-        assert sum(map(len, samples._pieces)) <= MAX_LINE
-    assert samples.faults >= 1
-    assert samples.feed(b"\n1,2\n") == [(1, 2)]
+        parser.feed(b"1" * 50)
+        assert sum(map(len, parser._pieces)) <= MAX_LINE
+    assert parser.faults >= 1
+    assert parser.feed(b"\n1,2\n") == [(1, 2)]
 
 
 def pieces_of(octets, draw):
@@ -120,22 +120,22 @@ def pieces_of(octets, draw):
     st.sampled_from(("\n", "\r\n", ";")),
     st.data(),
 )
-def test_with_line_ends_it_does_not_matter_how_they_are_cut(sent, end, data):
-    octets = "".join(",".join(map(str, it)) + end for it in sent).encode()
+def test_with_line_ends_messages_may_be_split_anywhere(sent, end, data):
+    octets = "".join(",".join(map(str, sample)) + end for sample in sent).encode()
     pieces = pieces_of(octets, data.draw) if len(octets) <= MAX_LINE else [octets]
-    found, samples = read(*pieces)
-    assert found == sent and not samples.faults
+    samples, parser = read(*pieces)
+    assert samples == sent and not parser.faults
 
 
 @given(st.integers(1, 6), st.data())
-def test_without_line_ends_each_piece_is_one(fields, data):
+def test_without_line_ends_each_piece_is_one_message(fields, data):
     sent = data.draw(st.lists(st.tuples(*[values] * fields), min_size=1, max_size=20))
     pieces = []
     for sample in sent:
         pieces.append(",".join(map(str, sample)).encode())
         pieces += data.draw(st.sampled_from(([], [PAUSE])))
-    found, samples = read(*pieces, PAUSE)
-    assert found == sent and not samples.faults
+    samples, parser = read(*pieces, PAUSE)
+    assert samples == sent and not parser.faults
 
 
 @given(
@@ -146,8 +146,10 @@ def test_without_line_ends_each_piece_is_one(fields, data):
     )
 )
 def test_any_octets(pieces):
-    found, samples = read(*pieces)
-    assert all(1 <= len(it) <= MAX_FIELDS and max(map(abs, it)) <= MAX_VALUE for it in found)
-    assert sum(map(len, samples._pieces)) <= MAX_LINE and len(samples.said) <= 8
-    assert all(text.isprintable() for text in samples.said)
-    assert samples.feed(b"\n5,-6\n")[-1] == (5, -6)
+    samples, parser = read(*pieces)
+    assert all(
+        1 <= len(sample) <= MAX_FIELDS and max(map(abs, sample)) <= MAX_VALUE for sample in samples
+    )
+    assert sum(map(len, parser._pieces)) <= MAX_LINE and len(parser.notes) <= 8
+    assert all(text.isprintable() for text in parser.notes)
+    assert parser.feed(b"\n5,-6\n")[-1] == (5, -6)

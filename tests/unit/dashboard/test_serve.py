@@ -1,4 +1,4 @@
-"""The pages by a plain HTTP client: what they may load, who may ask, and how long."""
+"""The server of pages, by a plain HTTP client: content policy, accepted requests, time limits."""
 
 import http.client
 import json
@@ -20,26 +20,26 @@ from uros.dashboard.serve import Answer, Newest, Pages, as_json, number
 PAGES = resources.files("uros.dashboard").joinpath("pages")
 
 
-def echo(asked):
-    return as_json(asked)
+def echo(query):
+    return as_json(query)
 
 
 @pytest.fixture
 def pages():
-    made = Pages(
+    pages = Pages(
         "127.0.0.1", 0, ("image.html", "page.css", "image.js"),
         {"/echo": echo, "/empty": lambda _: Answer(200, b"", "text/plain", {"é": "\n"})},
-        {"/post": lambda value: as_json({"got": value})},
+        {"/post": lambda value: as_json({"received": value})},
     )  # fmt: skip
-    yield made
-    made.close()
+    yield pages
+    pages.close()
 
 
 def ask(pages, path, method="GET", body=None, **headers):
     connection = http.client.HTTPConnection("127.0.0.1", pages.port, timeout=10)
     try:
         connection.request(
-            method, path, body, {it.replace("_", "-"): text for it, text in headers.items()}
+            method, path, body, {name.replace("_", "-"): text for name, text in headers.items()}
         )
         answer = connection.getresponse()
         return answer.status, answer.read(), answer.headers
@@ -59,22 +59,22 @@ def test_the_pages(pages):
 
 
 @pytest.mark.parametrize("path", ["/nothing", "/pid.html", "/../serve.py", "/%2e%2e/serve.py"])
-def test_there_is_nothing_else(pages, path):
+def test_other_paths_are_not_found(pages, path):
     assert ask(pages, path)[0] == 404
 
 
-def test_what_is_asked_with(pages):
+def test_the_query_is_passed_to_the_handler(pages):
     status, body, _ = ask(pages, "/echo?a=1&a=2&b=%20x")
     assert (status, json.loads(body)) == (200, {"a": "2", "b": " x"})
 
 
-def test_facts_beside_the_body(pages):
+def test_values_in_a_header_beside_the_body(pages):
     status, body, headers = ask(pages, "/empty")
     assert (status, body) == (200, b"")
     assert json.loads(headers["X-About"]) == {"é": "\n"}
 
 
-def test_a_browser_is_told_to_load_nothing_from_elsewhere(pages):
+def test_the_policy_allows_no_other_origin(pages):
     headers = ask(pages, "/")[2]
     assert "default-src 'none'" in headers["Content-Security-Policy"]
     assert "unsafe" not in headers["Content-Security-Policy"]
@@ -82,12 +82,12 @@ def test_a_browser_is_told_to_load_nothing_from_elsewhere(pages):
     assert headers["Cache-Control"] == "no-store"
 
 
-@pytest.mark.parametrize("file", [it.name for it in PAGES.iterdir()])
+@pytest.mark.parametrize("file", [file.name for file in PAGES.iterdir()])
 def test_no_file_needs_the_internet(file):
     text = PAGES.joinpath(file).read_text("utf-8")
     assert not re.findall(r"(?:https?:)?//[\w.]+\.\w+", text)
     assert "style=" not in text and not re.search(r"<script>|\son\w+=", text)  # the policy
-    assert ".innerHTML" not in text  # text from outside is text
+    assert ".innerHTML" not in text  # text from outside is never HTML
 
 
 @pytest.mark.parametrize(
@@ -97,11 +97,11 @@ def test_no_file_needs_the_internet(file):
         (socket.gethostname(), 200), ("evil.example", 403), ("", 403), ("[x", 403),
     ],
 )  # fmt: skip
-def test_a_name_of_somebody_else_that_leads_here(pages, host, status):
+def test_foreign_host_names_are_rejected(pages, host, status):
     assert ask(pages, "/echo", Host=host)[0] == status
 
 
-def test_a_page_of_somebody_else(pages):
+def test_foreign_origins_are_rejected(pages):
     headers = {"Host": "127.0.0.1:5", "Content_Type": "application/json"}
     assert ask(pages, "/post", "POST", "{}", Origin="http://evil.example", **headers)[0] == 403
     assert ask(pages, "/post", "POST", "{}", Origin="null", **headers)[0] == 403
@@ -110,7 +110,7 @@ def test_a_page_of_somebody_else(pages):
 
 def test_only_json_changes_anything(pages):
     status, body, _ = ask(pages, "/post", "POST", '{"a": 1}', Content_Type="application/json")
-    assert (status, json.loads(body)) == (200, {"got": {"a": 1}})
+    assert (status, json.loads(body)) == (200, {"received": {"a": 1}})
     assert ask(pages, "/post", "POST", "a=1")[0] == 415
     assert ask(pages, "/post", "POST", "{}", Content_Type="text/plain")[0] == 415
     json_type = {"Content_Type": "application/json; charset=utf-8"}
@@ -122,83 +122,82 @@ def test_only_json_changes_anything(pages):
 
 
 @pytest.mark.parametrize(
-    "said", [b"", b"GET /ech", b"POST /post HTTP/1.1\r\nContent-Length: 9\r\n\r\n{"]
+    "octets", [b"", b"GET /ech", b"POST /post HTTP/1.1\r\nContent-Length: 9\r\n\r\n{"]
 )
-def test_connections_without_end(pages, said):
-    """Those that ask nothing make room for those that do."""
-    held = []
+def test_connections_without_end(pages, octets):
+    """A full request is answered although incomplete ones fill all connections."""
+    connections = []
     for _ in range(2 * http_server.MAX_CONNECTIONS):
-        held.append(socket.create_connection(("127.0.0.1", pages.port)))
-        held[-1].sendall(said)
+        connections.append(socket.create_connection(("127.0.0.1", pages.port)))
+        connections[-1].sendall(octets)
     assert ask(pages, "/")[0] == 200
     assert pages._http.connections <= http_server.MAX_CONNECTIONS
-    for one in held:
-        one.close()
+    for connection in connections:
+        connection.close()
     eventually(lambda: not pages._http.connections)
 
 
-def test_where_all_are_being_answered_others_are_told_to_come_again(monkeypatch):
+def test_further_connections_get_503_while_all_are_being_answered(monkeypatch):
     monkeypatch.setattr(http_server, "MAX_CONNECTIONS", 4)
     go_on = threading.Event()
     pages = Pages("127.0.0.1", 0, ("image.html",), {"/w": lambda _: go_on.wait(10) and as_json(1)})
-    asking = []
+    clients = []
     for _ in range(4):
-        asking.append(socket.create_connection(("127.0.0.1", pages.port)))
-        asking[-1].sendall(b"GET /w HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        clients.append(socket.create_connection(("127.0.0.1", pages.port)))
+        clients[-1].sendall(b"GET /w HTTP/1.1\r\nHost: localhost\r\n\r\n")
     eventually(lambda: len(pages._http._answering) == 4)
     with socket.create_connection(("127.0.0.1", pages.port)) as late:
         assert late.recv(100).startswith(b"HTTP/1.1 503 Busy")
     go_on.set()
-    for one in asking:
-        assert one.recv(100).startswith(b"HTTP/1.1 200 ")
-        one.close()
+    for client in clients:
+        assert client.recv(100).startswith(b"HTTP/1.1 200 ")
+        client.close()
     eventually(lambda: not pages._http.connections)
     pages.close()
 
 
-@pytest.mark.parametrize("said", [b"", b"GET /ech"])
-def test_who_says_nothing_is_dropped(said, monkeypatch):
+@pytest.mark.parametrize("octets", [b"", b"GET /ech"])
+def test_a_silent_connection_is_closed(octets, monkeypatch):
     monkeypatch.setattr(http_server, "ASK_SECONDS", 0.05)
     pages = Pages("127.0.0.1", 0, ("image.html",), {})
     with socket.create_connection(("127.0.0.1", pages.port)) as silent:
-        silent.sendall(said)
+        silent.sendall(octets)
         silent.settimeout(10)
         assert silent.recv(100) == b""
     pages.close()
 
 
-def test_who_reads_nothing_is_cut_off(monkeypatch):
+def test_a_client_that_does_not_read_is_disconnected(monkeypatch):
     monkeypatch.setattr(http_server, "ANSWER_SECONDS", 0.05)
     large = Answer(200, bytes(32 * 1024 * 1024), "text/plain")
     pages = Pages("127.0.0.1", 0, ("image.html",), {"/large": lambda _: large})
-    with socket.create_connection(("127.0.0.1", pages.port)) as deaf:
-        deaf.sendall(b"GET /large HTTP/1.1\r\nHost: localhost\r\n\r\n")
+    with socket.create_connection(("127.0.0.1", pages.port)) as client:
+        client.sendall(b"GET /large HTTP/1.1\r\nHost: localhost\r\n\r\n")
         eventually(lambda: pages._http._answering)
         eventually(lambda: not pages._http._answering)
     assert ask(pages, "/")[0] == 200
     pages.close()
 
 
-def test_several_questions_on_one_connection_in_any_pieces(pages):
-    question = b"GET /echo?a=%d HTTP/1.1\r\nHost: localhost\r\n\r\n"
-    whole = b"".join(question % it for it in range(5))
+def test_several_requests_on_one_connection_in_any_pieces(pages):
+    request = b"GET /echo?a=%d HTTP/1.1\r\nHost: localhost\r\n\r\n"
+    whole = b"".join(request % number for number in range(5))
     for size in (1, 7, len(whole)):
-        with socket.create_connection(("127.0.0.1", pages.port)) as one:
+        with socket.create_connection(("127.0.0.1", pages.port)) as connection:
             for at in range(0, len(whole), size):
-                one.sendall(whole[at : at + size])
-            one.settimeout(10)
-            got = b""
-            while got.count(b'{"a": ') < 5:
-                got += one.recv(4096)
-            assert [got.index(b'{"a": "%d"}' % it) for it in range(5)] == sorted(
-                got.index(b'{"a": "%d"}' % it) for it in range(5)
-            )
+                connection.sendall(whole[at : at + size])
+            connection.settimeout(10)
+            replies = b""
+            while replies.count(b'{"a": ') < 5:
+                replies += connection.recv(4096)
+            places = [replies.index(b'{"a": "%d"}' % number) for number in range(5)]
+            assert places == sorted(places)
 
 
-def test_a_query_of_many_fields_is_refused(pages, capfd):
-    query = "&".join(f"f{it}=1" for it in range(1000))
-    status, said, _ = ask(pages, f"/echo?{query}")
-    assert status == 400 and b"at most 8 fields" in said
+def test_a_query_of_many_fields_is_rejected(pages, capfd):
+    query = "&".join(f"f{number}=1" for number in range(1000))
+    status, body, _ = ask(pages, f"/echo?{query}")
+    assert status == 400 and b"at most 8 fields" in body
     assert ask(pages, "/echo?" + "=&;%ff" * 100)[0] in (200, 400)
     assert ask(pages, "/post", "POST", None, Content_Length="9" * 5000)[0] == 413
     assert capfd.readouterr().err == ""
@@ -207,27 +206,27 @@ def test_a_query_of_many_fields_is_refused(pages, capfd):
 @settings(max_examples=examples(60), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.binary(max_size=200), st.booleans())
 def test_any_octets_are_answered_or_dropped(pages, octets, headed):
-    with socket.create_connection(("127.0.0.1", pages.port)) as one:
+    with socket.create_connection(("127.0.0.1", pages.port)) as connection:
         head = b"GET /echo HTTP/1.1\r\nHost: localhost\r\n" if headed else b""
-        one.sendall(head + octets + b"\r\n\r\n")
-        one.shutdown(socket.SHUT_WR)
-        one.settimeout(10)
-        while one.recv(4096):
+        connection.sendall(head + octets + b"\r\n\r\n")
+        connection.shutdown(socket.SHUT_WR)
+        connection.settimeout(10)
+        while connection.recv(4096):
             pass
 
 
 def test_any_request_line(pages):
     for line in (b"\xff\xfe\r\n\r\n", b"GET\r\n\r\n", b"GET / HTTP/9.9\r\n\r\n", b"\r\n\r\n"):
-        with socket.create_connection(("127.0.0.1", pages.port)) as one:
-            one.sendall(line)
-            one.shutdown(socket.SHUT_WR)
-            one.settimeout(10)
-            while one.recv(4096):
+        with socket.create_connection(("127.0.0.1", pages.port)) as connection:
+            connection.sendall(line)
+            connection.shutdown(socket.SHUT_WR)
+            connection.settimeout(10)
+            while connection.recv(4096):
                 pass
     assert ask(pages, "/")[0] == 200
 
 
-def test_its_end_does_not_wait_for_those_who_do():
+def test_close_does_not_wait_for_open_requests():
     newest = Newest()
 
     def wait(_):
@@ -236,45 +235,45 @@ def test_its_end_does_not_wait_for_those_who_do():
         return as_json({})
 
     pages = Pages("127.0.0.1", 0, ("image.html",), {"/wait": wait})
-    with socket.create_connection(("127.0.0.1", pages.port)) as one:
-        one.sendall(b"GET /wait HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+    with socket.create_connection(("127.0.0.1", pages.port)) as connection:
+        connection.sendall(b"GET /wait HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
         eventually(lambda: pages._http._answering)
         pages.close()
-        one.settimeout(4)
+        connection.settimeout(4)
         try:
-            assert one.recv(100) == b""
+            assert connection.recv(100) == b""
         except ConnectionResetError:
             pass
     with newest:
         newest.change()
 
 
-def test_a_port_that_is_taken():
+def test_a_port_in_use():
     with socket.create_server(("127.0.0.1", 0)) as taken:
         with pytest.raises(OSError):
             Pages("127.0.0.1", taken.getsockname()[1], ("image.html",), {})
 
 
-def test_news_end_the_waiting():
-    newest, seen = Newest(), []
+def test_a_new_version_ends_the_wait():
+    newest, versions = Newest(), []
 
     def wait():
         with newest:
             newest.wait(0, 10)
-            seen.append(newest.version)
+            versions.append(newest.version)
 
     waiting = threading.Thread(target=wait)
     waiting.start()
     with newest:
         newest.change()
     waiting.join(10)
-    assert seen == [1]
+    assert versions == [1]
     with newest:
-        newest.wait(1, 0.01)  # no news: only the time ends it
-        newest.wait(0, 10)  # there are news already
+        newest.wait(1, 0.01)  # no new version: the timeout ends the wait
+        newest.wait(0, 10)  # a newer version: no wait
 
 
-def test_numbers_that_are_asked_with():
+def test_numbers_of_a_query():
     assert [number({"a": text}, "a") for text in ("7", "", "-1", "x", "9" * 20)] == [
         7,
         -1,
