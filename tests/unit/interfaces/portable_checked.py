@@ -1,4 +1,4 @@
-"""Classes of virtual boards: what is no field is refused, by the name that was meant."""
+"""Classes of virtual boards: an unknown field is rejected, with similar names in the error."""
 
 from uros.interfaces.checked import checked, meant
 
@@ -16,7 +16,7 @@ def refusal(message, name):
     raise AssertionError(name + " is taken")
 
 
-def test_fields_are_taken_and_others_refused():
+def test_fields_are_assigned_and_other_names_rejected():
     pose = Pose()
     pose.x = 2
     assert pose.x == 2
@@ -24,7 +24,7 @@ def test_fields_are_taken_and_others_refused():
     assert refusal(pose, "zzz") == "a/msg/Pose has no field zzz; it has x, frame_id"
 
 
-def test_what_was_meant():
+def test_similar_names_in_the_error():
     assert meant("volts", ("voltage", "current")) == "; did you mean voltage?"
     assert meant("X", ("x",)) == "; did you mean x?"
     assert meant("x", (), ("linear.x",)) == "; did you mean linear.x?"

@@ -1,4 +1,4 @@
-"""Types made of text at run time, on a host and on a board."""
+"""Types made from text at run time, on a host and on a board."""
 
 from unit.interfaces import rclpy_vectors
 
@@ -20,7 +20,7 @@ KNOWN = {
     "geometry_msgs/msg/Quaternion": Quaternion,
 }
 READING = """\
-# What a sensor has read.
+# A reading of a sensor.
 std_msgs/Header header   # when, and where
 float32[<=8] values
 string<=10 unit "C # F"  # of each value
@@ -33,7 +33,10 @@ Range[] more
 uint64 big 18446744073709551615
 int16 class -5
 """
-OTHERS = {"my_msgs/msg/Range": "float64 low -1.5\nfloat64 high", "std_msgs/msg/Header": Header}
+NESTED_TYPES = {
+    "my_msgs/msg/Range": "float64 low -1.5\nfloat64 high",
+    "std_msgs/msg/Header": Header,
+}
 TEXTS = {
     "test_msgs/msg/BasicTypes": (
         "bool bool_value\nbyte byte_value\nchar char_value\nfloat32 float32_value\n"
@@ -69,11 +72,11 @@ TEXTS = {
 
 
 def reading():
-    return load("my_msgs/msg/Reading", READING, dict(OTHERS))
+    return load("my_msgs/msg/Reading", READING, dict(NESTED_TYPES))
 
 
 def packed(message):
-    """The payload, at an odd place of a buffer that was not empty."""
+    """Return the payload, packed at an odd offset of a buffer with stale octets."""
     size = message.cdr_size()
     buf = bytearray(b"\xaa" * (size + 10))
     assert message.pack_into(buf, 5, 5) == 5 + size
@@ -82,7 +85,7 @@ def packed(message):
 
 
 def refused(error, call, *arguments):
-    """The message of the error that call must raise."""
+    """Return the text of the error that the call must raise."""
     try:
         call(*arguments)
     except error as raised:
@@ -91,7 +94,7 @@ def refused(error, call, *arguments):
 
 
 def put(message, values):
-    """Assign a dict of values, at any depth; the message."""
+    """Assign a dict of values, at any depth; return the message."""
     for name in values:
         if isinstance(values[name], dict):
             put(getattr(message, name), values[name])
@@ -105,8 +108,8 @@ def test_octets_are_those_of_rclpy():
     for name, values, payload in rclpy_vectors.VECTORS:
         if name not in TEXTS or not values and TEXTS[name]:
             continue
-        asked = name.replace("/srv/Empty_Request", "/msg/Empty")
-        cls = load(asked, TEXTS[name], KNOWN)
+        type_name = name.replace("/srv/Empty_Request", "/msg/Empty")
+        cls = load(type_name, TEXTS[name], KNOWN)
         message = put(cls(), values)
         octets = packed(message)
         want = bytes.fromhex(payload)
@@ -117,20 +120,20 @@ def test_octets_are_those_of_rclpy():
     assert count == len(TEXTS)
 
 
-def test_a_loaded_type_and_a_generated_one_say_the_same():
+def test_a_loaded_type_and_a_generated_one_are_equal():
     cls = load("sensor_msgs/msg/Imu", TEXTS["sensor_msgs/msg/Imu"], KNOWN)
     assert cls._TYPE == Imu._TYPE and cls._FIELDS == Imu._FIELDS
-    theirs = Imu(orientation=Quaternion(x=0.5), linear_acceleration=Vector3(z=9.81))
-    theirs.header.frame_id = "imu"
-    theirs.angular_velocity_covariance[4] = 2.0
-    octets = packed(theirs)
-    ours = cls.unpack_from(octets, 0, 0, len(octets))[0]
-    assert packed(ours) == octets
-    assert ours.orientation == theirs.orientation and ours.header == theirs.header
-    assert list(ours.angular_velocity_covariance) == list(theirs.angular_velocity_covariance)
+    generated = Imu(orientation=Quaternion(x=0.5), linear_acceleration=Vector3(z=9.81))
+    generated.header.frame_id = "imu"
+    generated.angular_velocity_covariance[4] = 2.0
+    octets = packed(generated)
+    loaded = cls.unpack_from(octets, 0, 0, len(octets))[0]
+    assert packed(loaded) == octets
+    assert loaded.orientation == generated.orientation and loaded.header == generated.header
+    assert list(loaded.angular_velocity_covariance) == list(generated.angular_velocity_covariance)
 
 
-def test_what_a_class_has():
+def test_the_members_of_a_class():
     cls = reading()
     assert (cls._TYPE, cls._DDS_TYPE) == ("my_msgs/msg/Reading", "my_msgs::msg::dds_::Reading_")
     assert cls.LIMIT == 3
@@ -150,11 +153,11 @@ def test_what_a_class_has():
     message.ranges[0].low = 7.0
     assert cls().flags == [False] * 3 and cls().ranges[0].low == -1.5
     assert "unit='C # F'" in repr(message)
-    said = refused(TypeError, lambda: cls(nothing=1))
-    assert "Reading has 10 fields: header, values" in said
+    fault = refused(TypeError, lambda: cls(nothing=1))
+    assert "Reading has 10 fields: header, values" in fault
 
 
-def test_there_and_back():
+def test_a_round_trip():
     cls = reading()
     item = type(cls().ranges[0])
     message = cls(values=[1.5, -2.5], raw=bytes(range(5)), label="\u6f22\U0001f600")
@@ -170,10 +173,10 @@ def test_there_and_back():
     for end in range(len(octets)):
         refused(ValueError, cls.unpack_from, octets, 0, 0, end)
         refused(ValueError, message.pack_into, bytearray(end), 0, 0)
-    other = cls()
-    assert other.unpack_into(octets, 0, 0, len(octets)) == len(octets) and other == message
-    refused(ValueError, other.unpack_into, octets, 0, 0, len(octets) - 1)
-    assert other == message
+    reused = cls()
+    assert reused.unpack_into(octets, 0, 0, len(octets)) == len(octets) and reused == message
+    refused(ValueError, reused.unpack_into, octets, 0, 0, len(octets) - 1)
+    assert reused == message
 
 
 def test_big_endian_is_read():
@@ -189,7 +192,7 @@ def test_big_endian_is_read():
 
 def test_a_service():
     text = "Range range\n---\n# Kept.\nbool kept true\n"
-    store = load("my_msgs/srv/Store", text, OTHERS)
+    store = load("my_msgs/srv/Store", text, NESTED_TYPES)
     assert store._TYPE == "my_msgs/srv/Store" and store._DDS_TYPE == "my_msgs::srv::dds_::Store_"
     assert store.Request._TYPE == "my_msgs/srv/Store_Request"
     assert packed(store.Request())[:8] == bytes.fromhex("000000000000f8bf")
@@ -211,7 +214,7 @@ def test_values_that_do_not_fit():
     refused(InterfaceError, cls.unpack_from, octets, 0, 0, len(octets))
 
 
-def test_lengths_that_nobody_can_have_sent():
+def test_huge_lengths_are_rejected():
     for kind in ("uint8[]", "float64[]", "string[]", "std_msgs/Header[]", "string", "wstring"):
         cls = load("my_msgs/msg/L", kind + " x", KNOWN)
         for length in (b"\xff\xff\xff\xff", b"\xff\xff\xff\x7f", b"\0\0\0\x10"):
@@ -219,10 +222,10 @@ def test_lengths_that_nobody_can_have_sent():
 
 
 def test_faults_of_a_definition_name_the_line():
-    said = refused(InterfaceError, load, "my_msgs/msg/R", "int32 x\n\nint33 y  # no\n")
-    assert said == (
+    fault = refused(InterfaceError, load, "my_msgs/msg/R", "int32 x\n\nint33 y  # no\n")
+    assert fault == (
         "my_msgs/msg/R:3: bad type in 'int33 y'; on a host, 'uros interface show' says more"
-    ), said
+    ), fault
     for text in (
         "int32", "int32 X", "int32 x\nint32 x", "int32 x__y", "string<= x", "string<=0 x",
         "int32<=5 x", "int32[<=] x", "int32[0] x", "int32[4294967296] x", "int32[2 x",
@@ -230,13 +233,13 @@ def test_faults_of_a_definition_name_the_line():
         "int32[2] x [1]", "int32[] x [1,]", "string x 'a", "string<=2 x 'abc'", "int32 x=5",
         "int32[2] X=[1,2]", "int32 X=5\nint32 X=6", "a/b/c x", "---",
     ):  # fmt: skip
-        said = refused(InterfaceError, load, "my_msgs/msg/R", text)
-        assert said.startswith("my_msgs/msg/R:%d: bad " % (text.count("\n") + 1)), said
-    said = refused(InterfaceError, load, "my_msgs/msg/R", "Lost x")
-    assert said == "my_msgs/msg/R:1: no my_msgs/msg/Lost; give load its class or text"
+        fault = refused(InterfaceError, load, "my_msgs/msg/R", text)
+        assert fault.startswith("my_msgs/msg/R:%d: bad " % (text.count("\n") + 1)), fault
+    fault = refused(InterfaceError, load, "my_msgs/msg/R", "Lost x")
+    assert fault == "my_msgs/msg/R:1: no my_msgs/msg/Lost; give load its class or text"
     ring = {"c/msg/B": "A a", "c/msg/A": "B b"}
     assert "bad ring of types in 'A a'" in refused(InterfaceError, load, "c/msg/A", "B b", ring)
-    # However long it is: no stack is filled, and no number of many digits is made.
+    # Long texts overflow no stack, and numbers of many digits are not converted.
     for text in (
         "int8 " + "a_" * 2000 + "a", "int8 " + "A" * 2000 + "=1", "a" * 2000 + "/B x",
         "a/" + "Bb" * 2000 + " x", "int8[" + "1" * 5000 + "] x", "int8 x " + "1" * 5000,
@@ -249,7 +252,7 @@ def test_faults_of_a_definition_name_the_line():
         assert "bad name" in refused(InterfaceError, load, name, "int32 x")
 
 
-def test_texts_of_others_give_way_to_their_classes():
+def test_texts_of_nested_types_are_replaced_by_their_classes():
     others = {"my_msgs/msg/Range": "float64 low\nfloat64 high"}
     cls = load("my_msgs/msg/Pair", "Range a\nRange[] more", others)
     item = others["my_msgs/msg/Range"]
@@ -260,7 +263,7 @@ def test_texts_of_others_give_way_to_their_classes():
     assert type(load("my_msgs/msg/One", "Range a", others)().a) is item
 
 
-def test_words_that_are_taken():
+def test_fields_named_as_keywords_or_methods():
     text = "".join("int8 %s\n" % word for word in ("self", "from", "cdr_size", "yield", "x", "in"))
     cls = load("my_msgs/msg/W", text)
     assert cls.__slots__ == ("self_", "from_", "cdr_size_", "yield_", "x", "in_")

@@ -1,7 +1,7 @@
-"""Messages that are written and read over and over: on a board without garbage.
+"""Messages that are written and read repeatedly: on a board without garbage.
 
-tests/mpy/test_lean_codec.py makes a board's program of this file, too: it compares octets, since
-messages of a lean build have no equality.
+tests/mpy/test_lean_codec.py builds a board's program of this file too: the tests compare octets,
+since messages of a lean build have no equality.
 """
 
 import sys
@@ -60,27 +60,27 @@ def octets(message):
 def test_read_into_another():
     for source in (imu(), odometry(), Twist(), Int32(-5), String("äö")):
         buf = octets(source)
-        other = type(source)()
+        reused = type(source)()
         for _ in range(2):
-            assert other.unpack_into(buf, 0, 0, len(buf)) == len(buf)
-            assert octets(other) == buf
+            assert reused.unpack_into(buf, 0, 0, len(buf)) == len(buf)
+            assert octets(reused) == buf
         for end in range(len(buf)):
-            raises(ValueError, other.unpack_into, buf, 0, 0, end)
-            raises(ValueError, other.unpack_into, buf[:end], 0, 0, len(buf))
-        assert octets(other)
+            raises(ValueError, reused.unpack_into, buf, 0, 0, end)
+            raises(ValueError, reused.unpack_into, buf[:end], 0, 0, len(buf))
+        assert octets(reused)
 
 
 def test_big_endian():
     import struct
 
-    # Made by hand: a Header-first message has its seconds, nanoseconds and length turned.
+    # Big-endian octets: seconds, nanoseconds, length and doubles in reverse byte order.
     buf = bytes(octets(imu()))
-    turned = struct.pack(">iII", *struct.unpack("<iII", buf[:12])) + buf[12:24]
-    turned += struct.pack(">37d", *struct.unpack("<37d", buf[24:]))
-    other = Imu()
-    assert other.unpack_into(turned, 0, 0, len(turned), False) == len(turned)
-    assert octets(other) == buf
-    assert other.header.stamp.sec == 1700000000
+    big = struct.pack(">iII", *struct.unpack("<iII", buf[:12])) + buf[12:24]
+    big += struct.pack(">37d", *struct.unpack("<37d", buf[24:]))
+    reused = Imu()
+    assert reused.unpack_into(big, 0, 0, len(big), False) == len(big)
+    assert octets(reused) == buf
+    assert reused.header.stamp.sec == 1700000000
 
 
 def test_halves():
@@ -122,8 +122,8 @@ def test_without_garbage():
     for source in (imu(), odometry(), Twist(), Int32(5), String("same")):
         buf = octets(source)
         size = len(buf)
-        other = type(source)()
-        other.unpack_into(buf, 0, 0, size)
+        reused = type(source)()
+        reused.unpack_into(buf, 0, 0, size)
         stamp = source.header.stamp if hasattr(source, "header") else None
         micropython.heap_lock()
         try:
@@ -136,7 +136,7 @@ def test_without_garbage():
         gc.collect()
         gc.disable()
         before = gc.mem_alloc()
-        other.unpack_into(buf, 0, 0, size)
-        taken = gc.mem_alloc() - before
+        reused.unpack_into(buf, 0, 0, size)
+        allocated = gc.mem_alloc() - before
         gc.enable()
-        assert taken < 300, (type(source), taken)
+        assert allocated < 300, (type(source), allocated)

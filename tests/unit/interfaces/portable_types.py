@@ -1,6 +1,6 @@
 """Generated types, on a host and on a board: their octets are those of ROS 2.
 
-The vectors are rclpy's and rosbags'. Nothing here names what only one of the two has.
+The vectors are those of rclpy and rosbags. The tests use only what hosts and boards both have.
 """
 
 # fmt: off
@@ -98,19 +98,19 @@ ACTIONS = (
 
 
 def structures():
-    """The classes of all that goes over a wire, by name as rclpy spells it for a field."""
-    found = list(MESSAGES)
+    """Return the classes of all structures, by name as rclpy spells it for a field."""
+    classes = list(MESSAGES)
     services = list(SERVICES)
     for action in ACTIONS:
-        found += [action.Goal, action.Result, action.Feedback, action.Impl.FeedbackMessage]
+        classes += [action.Goal, action.Result, action.Feedback, action.Impl.FeedbackMessage]
         services += [action.Impl.SendGoalService, action.Impl.GetResultService]
     for service in services:
-        found += [service.Request, service.Response]
-    return {spelled(cls._TYPE): cls for cls in found}
+        classes += [service.Request, service.Response]
+    return {spelled(cls._TYPE): cls for cls in classes}
 
 
 def spelled(name):
-    """``std_msgs/msg/Header`` as ``std_msgs/Header``; names of sections are told apart by it."""
+    """Return ``std_msgs/Header`` for ``std_msgs/msg/Header``; names of services keep ``srv/``."""
     package, kind, plain = name.split("/")
     return "%s/%s%s" % (package, "srv/" if kind == "srv" else "", plain)
 
@@ -119,7 +119,7 @@ CLASSES = structures()
 
 
 def build(kind, values):
-    """The message of a dict of values."""
+    """Return the message with a dict of values."""
     cls = CLASSES[kind]
     kinds = dict(cls._FIELDS)
     arguments = {}
@@ -137,7 +137,7 @@ def build(kind, values):
 
 
 def packed(message):
-    """The payload, at an odd place of a buffer that was not empty."""
+    """Return the payload, packed at an odd offset of a buffer with stale octets."""
     size = message.cdr_size()
     buf = bytearray(b"\xaa" * (size + 10))
     assert message.pack_into(buf, 5, 5) == 5 + size
@@ -146,7 +146,7 @@ def packed(message):
 
 
 def agree(name, values, payload, padded):
-    """Our octets are these, and they mean this message."""
+    """Check that the message is packed to these octets and read from them."""
     kind = spelled(name)
     message = build(kind, values)
     want = bytes.fromhex(payload)
@@ -172,7 +172,7 @@ def test_octets_are_those_of_rosbags():
         agree(name, values, payload, False)
 
 
-def test_a_message_that_ends_too_early_is_refused():
+def test_a_message_that_ends_too_early_is_rejected():
     for name, values, _ in rclpy_vectors.VECTORS:
         message = build(spelled(name), values)
         octets = packed(message)
@@ -185,7 +185,7 @@ def test_a_message_that_ends_too_early_is_refused():
                 raise AssertionError((name, end, length))
 
 
-def test_a_buffer_that_is_too_small_is_refused():
+def test_a_buffer_that_is_too_small_is_rejected():
     for name, values, _ in rclpy_vectors.VECTORS:
         message = build(spelled(name), values)
         size = message.cdr_size()
@@ -197,20 +197,20 @@ def test_a_buffer_that_is_too_small_is_refused():
             raise AssertionError((name, room))
 
 
-def test_damaged_octets_are_refused_or_mean_something():
-    """Each octet in turn is 255, as the worst of lengths has them; nothing but ValueError."""
+def test_damaged_octets_are_rejected_or_a_valid_message():
+    """With any octet set to 255, as in a huge length, ValueError is the only exception."""
     for name, values, _ in rclpy_vectors.VECTORS:
         message = build(spelled(name), values)
         octets = bytearray(packed(message))
         for at in range(0, len(octets), 1 + len(octets) // 60):
-            kept = octets[at]
+            octet = octets[at]
             octets[at] = 255
             try:
                 again = type(message).unpack_from(octets, 0, 0, len(octets))[0]
                 assert again.cdr_size() > 0
             except ValueError:
                 pass
-            octets[at] = kept
+            octets[at] = octet
 
 
 def test_messages_are_compared_by_their_values():
@@ -234,7 +234,7 @@ def test_names():
         assert whole._TYPE.split("/")[1] in ("srv", "action")
 
 
-def test_an_action_has_all_that_goes_over_the_wire():
+def test_an_action_has_all_its_structures():
     impl = Fibonacci.Impl
     assert impl.CancelGoalService is CancelGoal and impl.GoalStatusMessage is GoalStatusArray
     assert Fibonacci._TYPE == "test_msgs/action/Fibonacci"
@@ -265,7 +265,7 @@ def test_constants_and_defaults():
     assert second == Arrays() and first != second
 
 
-def test_texts_are_octets_of_utf8_and_units_of_utf16():
+def test_strings_are_octets_of_utf8_and_units_of_utf16():
     for text in ("", "a", "h\xe9", "\u6f22", "\U0001f600", "a" * 300):
         message = Strings(string_value=text)
         octets = packed(message)
@@ -278,7 +278,7 @@ def test_texts_are_octets_of_utf8_and_units_of_utf16():
         assert WStrings.unpack_from(wide, 0, 0, len(wide))[0].wstring_value == text
 
 
-def test_bounds_hold_both_ways():
+def test_bounds_are_checked_both_ways():
     for cls, values in (
         (BoundedSequences, {"int32_values": [1] * 4}),
         (Strings, {"bounded_string_value": "x" * 23}),

@@ -1,9 +1,9 @@
-"""Messages as rclpy of ROS 2 Kilted serializes them, none of it made by our code.
+"""Messages as rclpy of ROS 2 Kilted serializes them, without code of uros.
 
 ``VECTORS`` holds (type name, values, payload in hex): the values are keyword arguments, a dict for
-a nested message, and where there are none the defaults. The payload is little-endian CDR without
-the encapsulation header. Padding, in which rclpy leaves what lay there, is made zero; there may be
-some behind the last value. Runs on MicroPython.
+a nested message; without any, the fields have their defaults. The payload is little-endian CDR
+without the encapsulation header. Padding, in which rclpy leaves stale octets, is set to zero; there
+may be padding after the last value. Runs on MicroPython.
 """
 
 VECTORS = [

@@ -19,17 +19,17 @@ _LETTERS = string.ascii_letters + "äß漢😀 _/"
 
 @cache
 def store() -> Any:
-    """rosbags' types, with those that it lacks, and what services and actions make."""
-    made = get_typestore(Stores.ROS2_KILTED)
+    """Return rosbags' types, with missing types and the parts of services and actions added."""
+    types = get_typestore(Stores.ROS2_KILTED)
     for name in messages():
         message = registry.message(name)
-        if oracle_name(message) not in made.fielddefs and not holds(message, "wstring"):
-            made.register(get_types_from_msg(text_of(message), oracle_name(message)))
-    return made
+        if oracle_name(message) not in types.fielddefs and not holds(message, "wstring"):
+            types.register(get_types_from_msg(text_of(message), oracle_name(message)))
+    return types
 
 
 def text_of(message: Message) -> str:
-    """A definition as .msg text without constants and defaults, for rosbags."""
+    """Return a definition as .msg text without constants and defaults, for rosbags."""
     lines = (f"{re.sub('/(msg|action)/', '/', str(f.type))} {f.name}\n" for f in message.fields)
     return "".join(lines) or "uint8 structure_needs_at_least_one_member\n"
 
@@ -41,12 +41,12 @@ def holds(message: Message, primitive: str) -> bool:
 
 
 def oracle_name(message: Message) -> str:
-    """The name under which rosbags knows the structure."""
+    """Return the name of the structure in rosbags."""
     return f"{message.package}/msg/{message.name}"
 
 
 def messages() -> list[str]:
-    """The names of all packaged structures: messages, and what services and actions make."""
+    """Return the names of all packaged structures: messages, and parts of services and actions."""
     packaged = registry.packaged_types()
     return [part.type_name for name in packaged for part in registry.definition(name).parts]
 
@@ -79,25 +79,25 @@ def value(type_: Type, rng: random.Random) -> Any:
 
 
 def message(name: str, rng: random.Random) -> Any:
-    """A message of our class with random values in every field."""
+    """Return a message of uros's class with random values in every field."""
     fields = registry.message(name).fields
     return load(name)(**{attribute_name(f.name): value(f.type, rng) for f in fields})
 
 
 def as_oracle(msg: Any) -> Any:
-    """The same message as a rosbags object."""
+    """Return the same message as a rosbags object."""
     definition = registry.message(msg._TYPE)
     values = [_oracle(f.type, getattr(msg, attribute_name(f.name))) for f in definition.fields]
     return store().types[oracle_name(definition)](*(values or [0]))
 
 
-def _oracle(type_: Type, found: Any) -> Any:
+def _oracle(type_: Type, value: Any) -> Any:
     if type_.array and type_.primitive and type_.name != "string":
         if type_.name == "byte":
-            found = [_oracle(type_.element, item) for item in found]
-        return np.array(list(found), dtype=_DTYPES.get(type_.name, type_.name))
+            value = [_oracle(type_.element, item) for item in value]
+        return np.array(list(value), dtype=_DTYPES.get(type_.name, type_.name))
     if type_.array:
-        return [_oracle(type_.element, item) for item in found]
+        return [_oracle(type_.element, item) for item in value]
     if type_.name == "byte":
-        return found - 256 if found > 127 else found
-    return found if type_.primitive else as_oracle(found)
+        return value - 256 if value > 127 else value
+    return value if type_.primitive else as_oracle(value)

@@ -1,4 +1,4 @@
-"""The classes of boards, on CPython: the same octets as the hosts' and rosbags', both ways."""
+"""The classes of boards, on CPython: octets equal to those of hosts and rosbags, both ways."""
 
 import importlib
 import random
@@ -20,7 +20,7 @@ _classes = {}
 
 @pytest.fixture(scope="module", autouse=True)
 def package(tmp_path_factory):
-    """All packaged messages, written as for a board, under names of their own."""
+    """Writes all packaged messages as for a board, and imports them without uros.interfaces."""
     folder = tmp_path_factory.mktemp("board")
     before = set(sys.modules)
     write_package(NAMES, folder)
@@ -38,7 +38,7 @@ def package(tmp_path_factory):
 
 
 def as_board(value):
-    """A host's message as one of the board's class."""
+    """Return a host's message as a message of the board's class."""
     if isinstance(value, list):
         return [as_board(item) for item in value]
     if not isinstance(value, Message):
@@ -81,7 +81,7 @@ def test_offsets_stale_buffers_and_truncation(name):
         assert msg.pack_into(memoryview(buf), offset, offset) == end
         assert bytes(buf[offset:]) == want + b"\xaa" * 5
         assert cls.unpack_from(buf, offset, offset, end) == (msg, end)
-    other = cls()
+    reused = cls()
     for room in range(0, len(want), 1 + len(want) // 100):
         with pytest.raises(InterfaceError, match=f"needs {len(want)} octets"):
             msg.pack_into(bytearray(room), 0, 0)
@@ -89,14 +89,14 @@ def test_offsets_stale_buffers_and_truncation(name):
             with pytest.raises(InterfaceError):
                 cls.unpack_from(buf, 0, 0, end)
             with pytest.raises(InterfaceError):
-                other.unpack_into(buf, 0, 0, end)
-        other.cdr_size()  # still a valid message
+                reused.unpack_into(buf, 0, 0, end)
+        reused.cdr_size()  # still a valid message
 
 
 @settings(max_examples=examples(300), deadline=None)
 @given(st.sampled_from(NAMES), st.binary(max_size=200), st.booleans(), st.booleans())
 def test_random_bytes(name, data, little, again):
-    """Whatever arrives, InterfaceError is the only exception, and a message stays one."""
+    """Random octets raise InterfaceError only, and leave a valid message."""
     msg = _classes[name]()
     try:
         msg.unpack_into(data, 0, 0, len(data), little)
@@ -116,13 +116,13 @@ def test_seconds_in_halves(sec, nanosec):
         data = to_cdr(time)
         assert from_cdr(cls, data) == time
         for first, second in (("high", "low"), ("low", "high")):
-            other = cls(1700000000)
-            setattr(other, first, getattr(time, first))
-            setattr(other, second, getattr(time, second))
-            assert other.sec == sec
+            copy = cls(1700000000)
+            setattr(copy, first, getattr(time, first))
+            setattr(copy, second, getattr(time, second))
+            assert copy.sec == sec
 
 
-def test_what_is_kept_when_reading_into_a_message():
+def test_unpack_into_keeps_the_objects_of_a_message():
     imu = _classes["sensor_msgs/msg/Imu"]
     source = imu()
     source.header.frame_id = "a frame of some length"
@@ -131,31 +131,31 @@ def test_what_is_kept_when_reading_into_a_message():
     data = to_cdr(source)
     msg = imu()
     msg.header.frame_id = bytes("a frame of some length", "ascii").decode()
-    kept = [
+    before = [
         msg.header, msg.header.stamp, msg.header.frame_id, msg.angular_velocity,
         msg.orientation_covariance,
     ]  # fmt: skip
     msg.unpack_into(data, 4, 4, len(data))
     assert msg == source
-    found = [
+    after = [
         msg.header, msg.header.stamp, msg.header.frame_id, msg.angular_velocity,
         msg.orientation_covariance,
     ]  # fmt: skip
-    assert all(a is b for a, b in zip(kept, found, strict=True))
+    assert all(a is b for a, b in zip(before, after, strict=True))
 
 
-def test_fixed_arrays_of_doubles_come_in_many_forms():
+def test_fixed_arrays_of_doubles_are_packed_from_many_types():
     from array import array
 
     imu = _classes["sensor_msgs/msg/Imu"]
     values = [float(i) for i in range(9)]
     want = to_cdr(imu(orientation_covariance=values))
-    for given_ in (
+    for covariance in (
         values, tuple(values), array("d", values), array("f", values), array("q", range(9)),
         imu(orientation_covariance=values).orientation_covariance, range(9),
     ):  # fmt: skip
         msg = imu()
-        msg.orientation_covariance = given_
+        msg.orientation_covariance = covariance
         assert to_cdr(msg) == want
     msg.orientation_covariance = [0.0] * 8
     with pytest.raises(InterfaceError, match="orientation_covariance: 8 elements, only 9"):

@@ -1,4 +1,4 @@
-"""The generated codecs: byte for byte against rosbags, and against hostile bytes and values."""
+"""The generated codecs: octets equal to those of rosbags; malformed octets and invalid values."""
 
 import ast
 import random
@@ -49,7 +49,7 @@ LARGE = "float64 first\n" + "".join(f"uint8 f{i}\n" for i in range(INLINE_LEAVES
 
 
 def shuffled(number: int) -> str:
-    """A definition at random: what stands behind what decides on padding and on runs."""
+    """Return a random definition: the order of fields decides on padding and runs."""
     chance = random.Random(number)
     numbers = ["bool", "uint8", "int8", "uint16", "int16", "uint32", "float32", "float64", "int64"]
     fields = []
@@ -69,7 +69,7 @@ SOURCES["Behind"] = (
 )
 SOURCES.update({f"Shuffled{number}": shuffled(number) for number in range(40)})
 CASES = [*samples.messages(), *(f"codec_cases/msg/{name}" for name in SOURCES)]
-# rosbags knows no wstring; test_wstring has vectors.
+# rosbags does not support wstring; test_wstring has vectors.
 WIDE = ("example_interfaces/msg/WString", "test_msgs/msg/WStrings")
 
 
@@ -107,12 +107,12 @@ def test_against_rosbags(name):
 
 
 def test_no_call_has_too_many_arguments():
-    """MicroPython passes 255 at most, and code must not explode."""
+    """MicroPython passes 255 arguments at most, and the size of code is limited."""
     for name in ("Shuffled7", "Behind", "Large"):
         source = generate(registry.message(f"codec_cases/msg/{name}"), "uros.interfaces.")
-        calls = [it for it in ast.walk(ast.parse(source)) if isinstance(it, ast.Call)]
-        packs = [it for it in calls if ast.unparse(it.func) == "pack_into"]
-        assert max(len(it.args) for it in packs) <= RUN_VALUES + UNROLL + 3
+        calls = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call)]
+        packs = [call for call in calls if ast.unparse(call.func) == "pack_into"]
+        assert max(len(call.args) for call in packs) <= RUN_VALUES + UNROLL + 3
     behind = generate(registry.message("codec_cases/msg/Behind"), "uros.interfaces.")
     assert "self.b.cdr_size(" in behind and "self.b.f0" not in behind
 
@@ -164,7 +164,7 @@ def attempt(cls, data):
 @settings(max_examples=examples(300), deadline=None)
 @given(st.sampled_from(CASES), st.binary(max_size=200), st.booleans())
 def test_random_bytes(name, data, little):
-    """Whatever arrives, InterfaceError is the only exception."""
+    """Random octets raise InterfaceError only."""
     attempt(load(name), bytes([0, little, 0, 0]) + data)
 
 
@@ -183,7 +183,7 @@ def test_mutated_bytes(name):
     "name", ["sensor_msgs/msg/Image", "nav_msgs/msg/Path", "sensor_msgs/msg/JointState"]
 )
 def test_huge_lengths(name):
-    """A length is checked before memory is taken for it."""
+    """A length is checked before memory is allocated for it."""
     data = bytearray(to_cdr(load(name)()))
     for at in range(4, len(data) - 3, 4):
         for length in (0x7FFFFFFF, 0xFFFFFFFF, 0x20000000):
@@ -335,7 +335,7 @@ def test_wrong_message_inside():
         [b"\1", b"\2", b"\xff"],
     ],
 )
-def test_octets_come_in_many_forms(data):
+def test_octets_are_packed_from_many_types(data):
     cls = load("std_msgs/UInt8MultiArray")
     assert from_cdr(cls, to_cdr(cls(data=data))).data == b"\1\2\xff"
 
@@ -343,12 +343,12 @@ def test_octets_come_in_many_forms(data):
 @pytest.mark.parametrize(
     "data", [[1, 2], (1, 2), array("f", [1, 2]), array("d", [1, 2]), np.array([1.0, 2.0])]
 )
-def test_numbers_come_in_many_forms(data):
+def test_numbers_are_packed_from_many_types(data):
     cls = load("std_msgs/Float32MultiArray")
-    found = from_cdr(cls, to_cdr(cls(data=data))).data
-    assert isinstance(found, array)
-    assert found.typecode == "f"
-    assert list(found) == [1.0, 2.0]
+    values = from_cdr(cls, to_cdr(cls(data=data))).data
+    assert isinstance(values, array)
+    assert values.typecode == "f"
+    assert list(values) == [1.0, 2.0]
 
 
 def test_byte_takes_an_octet_of_bytes():

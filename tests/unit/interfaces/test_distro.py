@@ -1,4 +1,4 @@
-"""The definitions of each ROS 2 distribution, beside those of rosbags, and how one is chosen."""
+"""The definitions of each ROS 2 distribution, compared with rosbags, and the choice of one."""
 
 import re
 import subprocess
@@ -12,11 +12,11 @@ from support.paths import ROOT
 from uros.interfaces import InterfaceError, distro, registry, typehash
 
 DOCS = ROOT / "docs" / "interfaces.md"
-# What rosbags' stores have not: packages that they leave out, and what came with a later release
-# of a distribution than theirs.
+# Missing in rosbags' stores: packages that they leave out, and types that a later release of a
+# distribution added.
 LEFT_OUT = ("example_interfaces", "test_msgs")
 LATER = {"geometry_msgs/msg/VelocityStamped": ("humble", "iron")}
-# They take char for a type of its own, and ours say uint8, as the octets are.
+# rosbags treats char as a separate type; the definitions of uros have uint8, as the octets are.
 CHAR = {
     "rmw_dds_common/msg/Gid", "rmw_dds_common/msg/NodeEntitiesInfo",
     "rmw_dds_common/msg/ParticipantEntitiesInfo", "service_msgs/msg/ServiceEventInfo",
@@ -38,9 +38,9 @@ def name(request, choose):
 
 
 def messages():
-    """The packaged messages of the chosen distribution that the other stores may have."""
-    found = [it for it in registry.packaged_types() if "/msg/" in it]
-    return [it for it in found if it.partition("/")[0] not in LEFT_OUT]
+    """Return the packaged messages of the chosen distribution, of packages that rosbags has."""
+    names = [name for name in registry.packaged_types() if "/msg/" in name]
+    return [name for name in names if name.partition("/")[0] not in LEFT_OUT]
 
 
 def store(name):
@@ -49,27 +49,32 @@ def store(name):
 
 def test_a_distribution_has_the_messages_that_rosbags_has_of_it(name):
     types = store(name)
-    ours = set(messages())
-    packages = {it.partition("/")[0] for it in ours}
-    theirs = {it for it in types.fielddefs if it.partition("/")[0] in packages and "/msg/" in it}
-    later = {it for it, those in LATER.items() if name in those}
-    assert theirs - ours == set()
-    assert ours - theirs == later
+    packaged = set(messages())
+    packages = {type_name.partition("/")[0] for type_name in packaged}
+    known = {
+        type_name
+        for type_name in types.fielddefs
+        if type_name.partition("/")[0] in packages and "/msg/" in type_name
+    }
+    later = {type_name for type_name, distros in LATER.items() if name in distros}
+    assert known - packaged == set()
+    assert packaged - known == later
 
 
-def test_their_fields_and_constants_are_those_of_rosbags(name):
+def test_fields_and_constants_are_those_of_rosbags(name):
     types = store(name)
-    for one in messages():
-        if one not in types.fielddefs:
+    for full in messages():
+        if full not in types.fielddefs:
             continue
-        constants, fields = types.fielddefs[one]
-        ours = registry.message(one)
-        fields = [it for it in fields if it[0] != typehash.EMPTY_MEMBER.name]
-        assert [it.name for it in ours.fields] == [it[0] for it in fields], one
-        assert {(it.name, it.value) for it in ours.constants} == {
-            (it[0], it[2]) for it in constants
-        }, one
-        assert [_octets(it.type) for it in ours.fields] == [_theirs(it[1]) for it in fields], one
+        constants, fields = types.fielddefs[full]
+        message = registry.message(full)
+        fields = [pair for pair in fields if pair[0] != typehash.EMPTY_MEMBER.name]
+        assert [field.name for field in message.fields] == [pair[0] for pair in fields], full
+        assert {(constant.name, constant.value) for constant in message.constants} == {
+            (constant[0], constant[2]) for constant in constants
+        }, full
+        kinds = [_octets(field.type) for field in message.fields]
+        assert kinds == [_rosbags_octets(pair[1]) for pair in fields], full
 
 
 def _octets(type_):
@@ -79,10 +84,10 @@ def _octets(type_):
     return name, type_.array, type_.size
 
 
-def _theirs(field):
+def _rosbags_octets(field):
     kind, more = int(field[0]), field[1]
     if kind in (3, 4):
-        name, _, _ = _theirs(more[0])
+        name, _, _ = _rosbags_octets(more[0])
         array = "fixed" if kind == 3 else ("bounded" if more[1] else "unbounded")
         return name, array, more[1]
     if kind == 2:
@@ -94,12 +99,13 @@ def _theirs(field):
 
 def test_hashes_are_those_of_rosbags_from_iron_on(name):
     types = store(name)
-    for one in messages():
-        known = typehash.known_hash(one)
+    for full in messages():
+        known = typehash.known_hash(full)
         if name == "humble":
             assert known is None
-        elif one in types.fielddefs and one not in CHAR:
-            assert known == types.hash_rihs01(one) == typehash.type_hash(registry.message(one))
+        elif full in types.fielddefs and full not in CHAR:
+            digest = typehash.type_hash(registry.message(full))
+            assert known == types.hash_rihs01(full) == digest
 
 
 def test_humble_has_no_services_of_later_ones_and_classes_without_hashes(choose):
@@ -114,7 +120,7 @@ def test_humble_has_no_services_of_later_ones_and_classes_without_hashes(choose)
         registry.definition("rcl_interfaces/msg/LoggerLevel")
 
 
-def test_the_environment_chooses_and_a_name_that_is_none_is_refused(monkeypatch):
+def test_ros_distro_chooses_and_an_unknown_name_is_rejected(monkeypatch):
     monkeypatch.setenv("ROS_DISTRO", " Humble ")
     assert distro.chosen() == "humble"
     assert len(registry.message("sensor_msgs/msg/Range").fields) == 6
@@ -140,52 +146,52 @@ print(len(to_cdr(Range())), Range is load("sensor_msgs/msg/Range"), hasattr(Rang
 """
 
 
-@pytest.mark.parametrize(("chosen", "said"), [("humble", "36 True False"), ("", "40 True True")])
-def test_a_host_s_classes_are_those_of_ros_distro(chosen, said):
+@pytest.mark.parametrize(("chosen", "output"), [("humble", "36 True False"), ("", "40 True True")])
+def test_a_host_s_classes_are_those_of_ros_distro(chosen, output):
     done = subprocess.run(
         [sys.executable, "-c", CLASS], env={"ROS_DISTRO": chosen}, capture_output=True, text=True
     )
-    assert done.stdout.strip() == said, done.stderr
+    assert done.stdout.strip() == output, done.stderr
 
 
 def test_older_definitions_differ_from_those_of_the_next_distribution(choose):
-    """A file that says the same would be one too many."""
-    for at, one in enumerate(distro.DISTROS[:-1]):
-        folder = Path(distro.__file__).parent / "older" / one
+    """A file equal to that of the next distribution would be superfluous."""
+    for at, older in enumerate(distro.DISTROS[:-1]):
+        folder = Path(distro.__file__).parent / "older" / older
         for file in folder.rglob("*.msg") if folder.is_dir() else ():
             full = "/".join((*file.parts[-3:-1], file.stem))
             texts = []
-            for name in (one, distro.DISTROS[at + 1]):
+            for name in (older, distro.DISTROS[at + 1]):
                 choose(name)
                 texts.append(registry.source(full)[0])
             assert texts[0] == file.read_text() != texts[1]
 
 
 def differences():
-    """Rows of the table: type, and what it is in each distribution beside the newest one."""
+    """Return the rows of the table: a type, and how it differs in each distribution."""
     rows = {}
-    for one in registry.packaged_types():
+    for full in registry.packaged_types():
         marks = []
         for name in distro.DISTROS:
             distro.use(name)
-            if not registry.exists(one):
+            if not registry.exists(full):
                 marks.append("–")
                 continue
-            text = registry.source(one)[0]
+            text = registry.source(full)[0]
             distro.use(distro.NEWEST)
-            marks.append("as now" if text == registry.source(one)[0] else "another")
+            marks.append("as now" if text == registry.source(full)[0] else "another")
         if set(marks) != {"as now"}:
-            rows[one] = marks
+            rows[full] = marks
     return rows
 
 
-def test_the_page_s_table_is_what_differs(choose):
+def test_the_table_of_the_page_has_all_differences(choose):
     choose(distro.NEWEST)
     section = DOCS.read_text().partition("## Distributions of ROS 2")[2].partition("\n## ")[0]
-    told = {}
+    listed = {}
     for line in section.splitlines():
         cells = [cell.strip() for cell in line.strip("| ").split("|")]
         if len(cells) == 6 and re.match(r"`\w+/\w+/\w+`", cells[0]):
-            for one in re.findall(r"`(\w+/\w+/\w+)`", cells[0]):
-                told[one] = cells[1:5]
-    assert told == differences()
+            for full in re.findall(r"`(\w+/\w+/\w+)`", cells[0]):
+                listed[full] = cells[1:5]
+    assert listed == differences()

@@ -1,4 +1,4 @@
-"""Types from text at run time: the same classes as the generator's, whatever the definition."""
+"""Types from text at run time: the same classes as the generator's, for any definition."""
 
 import string
 
@@ -21,13 +21,13 @@ WORDS = ["class", "self", "pack_into", "from", "cdr_size", "x", "value", "lambda
 
 
 def escaped(text):
-    """The text between quotes, as a definition has it."""
+    """Return the text as a quoted literal of a definition."""
     out = text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
     return f'"{out}"'
 
 
 def literals(name, bound):
-    """Values of a primitive type, as they stand in a definition."""
+    """Literals of a primitive type, as in a definition."""
     if name == "bool":
         return st.sampled_from(["true", "false", "True", "0", "1"])
     if name in INTEGERS:
@@ -36,9 +36,9 @@ def literals(name, bound):
     if name in FLOATS:
         width = 32 if name == "float32" else 64
         return st.floats(width=width, allow_nan=False).filter(
-            lambda it: abs(it) < 3.4e38 or it in (float("inf"), -float("inf"))
+            lambda value: abs(value) < 3.4e38 or value in (float("inf"), -float("inf"))
         ).map(repr)  # fmt: skip
-    return TEXTS.map(lambda it: escaped(it[: (bound or 99) // 4]))
+    return TEXTS.map(lambda text: escaped(text[: (bound or 99) // 4]))
 
 
 @st.composite
@@ -72,29 +72,29 @@ def definitions(draw):
 
 
 def both(text):
-    """The class by the generator and the one by `dynamic`, of the same text."""
-    made = []
+    """Return the classes of the generator and of `dynamic`, from the same text."""
+    sources = []
     for name, source in (("Inner", INNER), ("Outer", text)):
         definition = parse_msg(source, "dyn_cases", name)
-        made.append(source_of(definition))
+        sources.append(source_of(definition))
     scope = {}
-    for code in made:
+    for code in sources:
         exec(code, scope)
     return scope["Outer"], dynamic.load("dyn_cases/msg/Outer", text, {"dyn_cases/msg/Inner": INNER})
 
 
 def source_of(definition):
-    """The generated module, with what it nests of this package in the same scope."""
+    """Return the source of the generated module, with ``Inner`` taken from the same scope."""
     from uros.interfaces import registry
 
     known = registry.definition
 
-    def look(name):
+    def find(name):
         if name == "dyn_cases/msg/Inner":
             return parse_msg(INNER, "dyn_cases", "Inner")
         return known(name)
 
-    registry.definition = look
+    registry.definition = find
     try:
         text = generate(definition, "uros.interfaces.")
     finally:
@@ -104,7 +104,7 @@ def source_of(definition):
 
 
 def fill(message, draw):
-    """Random values in every field, of a message of any class."""
+    """Set random values in every field of a message of any class."""
     for (_, kind), slot in zip(message._FIELDS, message.__slots__, strict=True):
         setattr(message, slot, value(kind, getattr(message, slot), draw))
 
@@ -134,14 +134,14 @@ def value(kind, now, draw):
 
 def items(kind, count, now, draw):
     if "/" in kind:
-        # A sequence of messages has no element to copy: they come from those that are there.
+        # An empty sequence of messages has no element to copy; a fixed array keeps its elements.
         return now if now is not None else []
     out = [value(kind, None, draw) for _ in range(count)]
     return bytes(out) if kind in ("uint8", "octet") else out
 
 
 def same(a, b):
-    """Whether two messages of the two classes hold the same."""
+    """Whether messages of the two classes have equal values."""
     return repr(a) == repr(b)
 
 
@@ -154,8 +154,9 @@ def test_random_definitions(text, data):
     assert (loaded._TYPE, loaded._DDS_TYPE) == (generated._TYPE, generated._DDS_TYPE)
     constants = [name for name in vars(generated) if name.isupper() and name[0] != "_"]
     for name in constants:
-        theirs = getattr(loaded, name)
-        assert theirs == getattr(generated, name) and type(theirs) is type(getattr(generated, name))
+        constant = getattr(loaded, name)
+        expected = getattr(generated, name)
+        assert constant == expected and type(constant) is type(expected)
     assert same(loaded(), generated())
     message = generated()
     fill(message, data.draw)
@@ -165,7 +166,7 @@ def test_random_definitions(text, data):
     assert to_cdr(again) == octets
     assert again.cdr_size() == len(octets) - 4
     assert again == from_cdr(loaded, octets)
-    # Where it starts does not matter, nor what the buffer held.
+    # The result is independent of the start offset and of stale octets.
     buf = bytearray(b"\xaa" * (len(octets) + 9))
     end = len(octets) - 4 + 5
     assert again.pack_into(buf, 5, 5) == end and bytes(buf[5:end]) == octets[4:]
@@ -186,13 +187,13 @@ def test_big_endian_and_damage(text, data):
         at = data.draw(st.integers(4, len(octets) - 1))
         octets[at] = data.draw(st.sampled_from([0, 1, 0x7F, 0xFF]))
         octets[1] = data.draw(st.sampled_from([0, 1]))
-        told = []
+        results = []
         for cls in (generated, loaded):
             try:
-                told.append(repr(from_cdr(cls, bytes(octets))))
+                results.append(repr(from_cdr(cls, bytes(octets))))
             except InterfaceError:
-                told.append("fault")
-        assert told[0] == told[1]
+                results.append("fault")
+        assert results[0] == results[1]
 
 
 BAD = [
@@ -214,8 +215,8 @@ BAD = [
 
 
 @pytest.mark.parametrize("text", BAD)
-def test_what_the_parser_refuses(text):
-    """Both refuse it, and name the line; what it nests is found where types are loaded."""
+def test_definitions_that_are_rejected(text):
+    """Both parsers reject the text; `dynamic` names the line, and alone loads nested types."""
     text = "int8 first\n\n" + text
     others = {"dyn_cases/msg/Inner": INNER}
     with pytest.raises(InterfaceError) as caught:
@@ -242,7 +243,7 @@ SPELLINGS = st.lists(
 @settings(max_examples=examples(1500), deadline=None)
 @given(SPELLINGS)
 def test_any_text(text):
-    """What one parser takes, the other takes as well, and for the same."""
+    """Both parsers accept the same texts, with the same fields and constants."""
     try:
         definition = parse_msg(text, "dyn_cases", "Outer")
     except InterfaceError:
@@ -269,7 +270,7 @@ def test_any_text(text):
     "int8[0000000003] x [1, 2, 3]",
 ])  # fmt: skip
 def test_texts_that_are_hard_to_read(text):
-    """Quotes within words, marks within quotes: the two read them alike."""
+    """Both parsers read quotes within words and marks within quotes alike."""
     try:
         definition = parse_msg(text, "dyn_cases", "Outer")
     except InterfaceError:
@@ -290,7 +291,7 @@ def test_names():
             dynamic.load(name, "int32 x")
 
 
-def test_errors_say_where_and_what_to_do():
+def test_errors_name_the_place_and_the_remedy():
     with pytest.raises(InterfaceError) as caught:
         dynamic.load("my_msgs/msg/R", "int32 x\nint33 y  # no\n")
     assert str(caught.value) == (
@@ -318,7 +319,7 @@ def test_a_service():
             dynamic.load("my_msgs/srv/Store", text)
 
 
-def test_known_types_are_nested_as_they_are():
+def test_known_types_are_nested_unchanged():
     header = load_generated("std_msgs/Header")
     point = dynamic.load("my_msgs/msg/Point", "float32 x 1.5\nfloat32 y")
     cls = dynamic.load(

@@ -202,7 +202,7 @@ def test_import_hook():
 
 
 def test_import_is_light():
-    """Importing costs nothing, and neither numpy nor rosbags is needed to make a class."""
+    """The import loads no further module, and a class needs neither numpy nor rosbags."""
     code = (
         "import sys; before = set(sys.modules); import uros.interfaces\n"
         "new = set(sys.modules) - before\n"
@@ -265,7 +265,7 @@ def test_bad_folders(tmp_path):
         add_folder(tmp_path)
 
 
-def test_broken_files_hurt_only_themselves(tmp_path):
+def test_a_broken_file_affects_only_its_own_type(tmp_path):
     write(tmp_path / "my_e/msg/Good.msg", "int32 x\n")
     write(tmp_path / "my_e/msg/Bad.msg", "int32 x\nint33 y\n")
     write(tmp_path / "my_e/msg/Outer.msg", "Bad b\n")
@@ -360,7 +360,7 @@ def test_write_package(tmp_path):
     subprocess.run([sys.executable, "-c", code], check=True, env=environment)
 
 
-def test_an_action_is_written_with_what_every_action_needs(tmp_path):
+def test_an_action_is_written_with_the_types_of_every_action(tmp_path):
     paths = write_package(["test_msgs/action/Fibonacci_SendGoal"], tmp_path)
     modules = {str(p.relative_to(tmp_path)) for p in paths if p.name != "__init__.py"}
     assert modules == {

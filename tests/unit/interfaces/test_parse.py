@@ -1,4 +1,4 @@
-"""The parser: what it reads, and that every fault names file, line, fault and remedy."""
+"""The parser: definitions it accepts, and errors with file, line, fault and remedy."""
 
 import pytest
 
@@ -44,9 +44,9 @@ def test_types():
 def test_constants():
     text = "uint8 A=1\nint8 B = -2\nstring C= 'it#s' # note\nstring D=plain\n"
     text += "bool E=true\nfloat32 F=1e3"
-    found = {c.name: c.value for c in parse_msg(text, "pkg", "Name").constants}
-    assert found == {"A": 1, "B": -2, "C": "it#s", "D": "plain", "E": True, "F": 1000.0}
-    assert [type(v) for v in found.values()] == [int, int, str, str, bool, float]
+    values = {c.name: c.value for c in parse_msg(text, "pkg", "Name").constants}
+    assert values == {"A": 1, "B": -2, "C": "it#s", "D": "plain", "E": True, "F": 1000.0}
+    assert [type(v) for v in values.values()] == [int, int, str, str, bool, float]
 
 
 @pytest.mark.parametrize(
