@@ -1,4 +1,4 @@
-"""An I2C device that is a row of registers of eight bits behind a pointer.
+"""An I2C device with 8-bit registers behind a pointer.
 
 The first byte written sets the pointer, the following ones are written to the register it points
 to; each byte advances it. A burst reads values of one moment: the registers are updated when the

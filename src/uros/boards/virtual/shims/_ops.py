@@ -5,8 +5,8 @@ CONSOLE = 1  #      text                                        nothing
 TICKS_MS = 2  #     nothing                                     number, modulo 2^30
 TICKS_US = 3  #     nothing                                     number, modulo 2^30
 EPOCH = 4  #        nothing                                     i64 nanoseconds since 2000
-SLEEP = 5  #        u32 microseconds                            number: what is left of them, when
-#                                                               an interrupt is due before
+SLEEP = 5  #        u32 microseconds                            number: microseconds left when an
+#                                                               interrupt is due before the end
 I2C_INIT = 6  #     u8 channel, u32 Hz, u32 timeout in us       nothing
 I2C_TRANSFER = 7  # u8 channel, u8 address, u8 stop, u16 octets
 #                   to read, what to write                      what was read
@@ -21,8 +21,8 @@ USB_STATE = 14  #   nothing                                     number: the stat
 USB_WRITE = 15  #   octets                                      number: how many were taken
 USB_READ = 16  #    u16 at most                                 octets
 USB_ANY = 17  #     nothing                                     number: octets to read
-USB_WAIT = 18  #    u32 microseconds, u8 states to wait for     number: state, when one of them is
-#                                                               there or the time is up
+USB_WAIT = 18  #    u32 microseconds, u8 states to wait for     number: the states, once one of them
+#                                                               is reached or the time is up
 RESET = 19  #       u8: 1 hard, 0 soft                          none: the program starts anew
 UNIQUE_ID = 20  #   nothing                                     octets
 FREQUENCY = 21  #   nothing                                     number: Hz
@@ -44,14 +44,14 @@ NET_CONNECT = 35  # u8 handle, u16 port, host                   nothing
 NET_SEND = 36  #    u8 handle, octets                           number: how many were taken
 NET_RECV = 37  #    u8 handle, u16 at most                      octets
 NET_CLOSE = 38  #   u8 handle                                   nothing
-NET_WAIT = 39  #    u32 microseconds, u8 handle, u8 events      number: those that are there
+NET_WAIT = 39  #    u32 microseconds, u8 handle, u8 events      number: the events that are ready
 WLAN_START = 40  #  as WLAN_CONNECT, of an access point; NUL,
 #                   its own address                             nothing
 WLAN_STOP = 41  #   nothing                                     nothing
 WLAN_GUESTS = 42  # nothing                                     number: how many have joined it
 PIN_IRQ = 43  #     u8 1 rising, 2 falling or both, name        number of the pin
-IRQ_NEXT = 44  #    nothing                                     number: 2 * pin + level of what is
-#                                                               due and not been asked for, 0: none
+IRQ_NEXT = 44  #    nothing                                     number: 2 * pin + level of the next
+#                                                               interrupt that is due, 0: none
 PWM_SET = 45  #     u32 Hz, u16 duty, name                      nothing
 PWM_OFF = 46  #     name                                        nothing
 ADC_READ = 47  #    name                                        number: 0 to 65535

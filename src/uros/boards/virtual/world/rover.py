@@ -193,7 +193,7 @@ class Rover(Part):
             raise ValueError(f"{self.name} has no act {kind}; it has {', '.join(self.ACTS)}")
 
     def _push(self, metres: float) -> None:
-        """Push it as far as there is room."""
+        """Push the rover, at most to the next obstacle."""
         count = max(1, math.ceil(abs(metres) / 0.005))
         for _ in range(count):
             x = self.x - math.sin(self.theta) * metres / count
