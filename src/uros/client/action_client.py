@@ -102,7 +102,7 @@ class ActionClient(End):
         )  # fmt: skip
         self.make_states(Subscription, status_sub_qos_profile, self._on_status)
         # In this order, so that feedback received before a result is passed on before it.
-        self.made = self.parts = (
+        self.entities = self.parts = (
             self._send_goal, self._cancel_goal, feedback, self.states, self._get_result,
         )  # fmt: skip
 

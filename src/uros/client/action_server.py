@@ -289,7 +289,7 @@ class ActionServer(End):
             feedback_pub_qos_profile,
         )  # fmt: skip
         self.make_states(Publisher, status_pub_qos_profile)
-        self.parts = self.made[:3]
+        self.parts = self.entities[:3]
 
     def destroy(self) -> None:
         """Destroy the server and close the generators that execute goals."""

@@ -51,9 +51,9 @@ class CancelResponse:
 class End:
     """Base class of action client and action server: a single handle of the executor.
 
-    ``made`` are its entities, ``parts`` those that receive. In each round one of ``parts`` is
-    executed, the first that is ready. ``states`` is the publisher or subscription of the status
-    topic.
+    ``entities`` are all entities of the action, ``parts`` those that receive. In each round one of
+    ``parts`` is executed, the first that is ready. ``states`` is the publisher or subscription of
+    the status topic.
     """
 
     invocation = ON_NEW_DATA
@@ -65,7 +65,7 @@ class End:
         self.action_type = action_type
         self.name: str = node.resolve_topic_name(action_name)
         self.parts: "tuple[Any, ...]" = ()
-        self.made: "tuple[Any, ...]" = ()
+        self.entities: "tuple[Any, ...]" = ()
         self.service("cancel_goal")  # the longest name: raises if it is too long
         node.executor.add(self)  # first: raises if the executor has max_handles already
         node._entities.append(self)
@@ -77,7 +77,7 @@ class End:
         except Exception:
             self.destroy()
             raise
-        self.made += (entity,)
+        self.entities += (entity,)
         return entity
 
     def make_states(self, make: "Callable[..., Any]", qos: "Any", *arguments: "Any") -> None:
@@ -124,7 +124,7 @@ class End:
     def destroy(self) -> None:
         """Delete the entities in this session and do not create them in later ones."""
         self.node.forget(self)
-        for part in self.made:
+        for part in self.entities:
             part.created = False
             self.node.connection.remove(part, tuple([part.object_id(kind) for kind in part.kinds]))
 

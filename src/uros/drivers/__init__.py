@@ -1,6 +1,6 @@
 """Drivers for boards: sensors, the I2C bus, motors, LEDs, buttons and serial ports.
 
-They import no other room.
+They import no other package of uros.
 
 ============  ====================================================================================
 ``bus``       I2C bus that is recovered when a device holds its data line.

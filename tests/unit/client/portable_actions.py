@@ -451,11 +451,11 @@ def test_an_accepted_goal_begins_when_the_program_executes_it() -> None:
 
 
 def test_another_execute_callback_for_one_goal() -> None:
-    def other(goal):
+    def short_callback(goal):
         goal.succeed()
         return Count.Result(99)
 
-    desk = ServerDesk(counting, handle_accepted_callback=lambda goal: goal.execute(other))
+    desk = ServerDesk(counting, handle_accepted_callback=lambda goal: goal.execute(short_callback))
     assert desk.send(1)
     desk.ask_result(1)
     assert desk.results() == [(2, 4, 99)]

@@ -55,10 +55,10 @@ class Bench:
         self.agent = agent(self.clock)
         self.connection = Connection(self.agent, KEY, self.clock, **options)
         self.states = []
-        self.said = []
+        self.lines = []
         self.start = self.clock.t
         self.connection.on_state = self.on_state
-        self.connection.log = self.said.append
+        self.connection.log = self.lines.append
 
     def on_state(self, state):
         self.states.append((self.now(), state))
@@ -79,7 +79,7 @@ class Bench:
             assert self.clock.t < end, (state, self.states)
             self.connection.pump((end - self.clock.t + 999) // 1000)
 
-    def off(self):
+    def offset(self):
         """Return by how many microseconds the board's time is ahead of the agent's."""
         seconds, nanoseconds = self.clock.now()
         return seconds * 1000000 + nanoseconds // 1000 - self.clock.t - self.agent.epoch_us
@@ -244,7 +244,7 @@ def test_more_entities_than_a_window_are_created_in_order() -> None:
     assert bench.agent.requests == expected
 
 
-class Forgetful(FakeAgent):
+class QueueingAgent(FakeAgent):
     """Agent that queues as eProsima's.
 
     It drops a STATUS while 15 of its messages are not acknowledged. Received datagrams, ACKNACKs
@@ -285,7 +285,7 @@ class Forgetful(FakeAgent):
 
 def test_unanswered_requests_stay_below_the_queue_of_the_agent() -> None:
     bench = Bench()
-    bench.connection.transport = bench.agent = Forgetful(bench.clock)
+    bench.connection.transport = bench.agent = QueueingAgent(bench.clock)
     kinds = tuple(range(1, 9))
     for i in range(6):
         FakeEntity("entity%d" % i, kinds, bench.connection)
@@ -343,7 +343,7 @@ def test_a_refused_entity_is_logged_with_its_status_and_retried_after_a_pause() 
         (500, AGENT_AVAILABLE), (500, AGENT_DISCONNECTED), (500, WAITING_AGENT),
         (1000, AGENT_AVAILABLE), (1000, AGENT_DISCONNECTED), (1000, WAITING_AGENT),
     ]  # fmt: skip
-    assert bench.said == ["uros: the agent refuses bad: ERR_RESOURCES"] * 3
+    assert bench.lines == ["uros: the agent refuses bad: ERR_RESOURCES"] * 3
     assert bench.connection.reason == "the agent refuses bad: ERR_RESOURCES"
     assert [session_id for _, session_id in bench.agent.hellos] == [0x81, 0x82, 0x83]
     assert bench.connection.connections == 0
@@ -356,7 +356,7 @@ def test_a_refused_session_is_logged() -> None:
     bench = Bench()
     bench.agent.status = ids.STATUS_ERR_INCOMPATIBLE
     bench.run(600)
-    assert bench.said == ["uros: the agent refuses the session: ERR_INCOMPATIBLE"] * 2
+    assert bench.lines == ["uros: the agent refuses the session: ERR_INCOMPATIBLE"] * 2
     assert bench.connection.state == WAITING_AGENT
 
 
@@ -365,8 +365,8 @@ def test_an_entity_longer_than_a_message_is_logged() -> None:
     FakeEntity("x" * 600, connection=bench.connection)
     bench.run(1)
     assert bench.connection.state == WAITING_AGENT
-    assert bench.connection.reason and len(bench.said) == 1
-    assert bench.connection.reason in bench.said[0]
+    assert bench.connection.reason and len(bench.lines) == 1
+    assert bench.connection.reason in bench.lines[0]
 
 
 def test_an_existing_entity_counts_as_created() -> None:
@@ -374,7 +374,7 @@ def test_an_existing_entity_counts_as_created() -> None:
     FakeEntity(connection=bench.connection)
     bench.agent.refuse = {0x01: ids.STATUS_OK_MATCHED}
     bench.run(1)
-    assert bench.connection.state == AGENT_CONNECTED and bench.said == []
+    assert bench.connection.state == AGENT_CONNECTED and bench.lines == []
 
 
 # --- an agent that goes away ------------------------------------------------------------------
@@ -618,8 +618,10 @@ def test_a_late_create_client_resets_the_session_at_both_ends() -> None:
         for i in range(after_ms // 100):
             bench.agent.sample(0x01, bytes((i,)))
             bench.run(100)
-        hello = [datagram for datagram in bench.agent.sent if datagram[4] == ids.CREATE_CLIENT][-1]
-        bench.agent.hear(hello)
+        create_client = [
+            datagram for datagram in bench.agent.sent if datagram[4] == ids.CREATE_CLIENT
+        ][-1]
+        bench.agent.hear(create_client)
         bench.run(3000)
         assert bench.connection.state == AGENT_CONNECTED
         before = len(entity.data)
@@ -745,7 +747,7 @@ def test_an_entity_removed_during_its_creation_leaves_no_objects() -> None:
         bench.agent.acknowledge()
         bench.run(1000)
         assert bench.connection.state == AGENT_CONNECTED, bench.connection.reason
-        assert bench.connection.connections == 1 and bench.said == [], bench.said
+        assert bench.connection.connections == 1 and bench.lines == [], bench.lines
         expected = set()
         for remaining in entities:
             expected |= set(remaining.object_ids())
@@ -764,7 +766,7 @@ def test_a_state_callback_that_raises_is_logged_only() -> None:
     bench.connection.on_state = on_state
     bench.run(10)
     assert bench.connection.state == AGENT_CONNECTED
-    assert len(bench.said) == 2 and "mine" in bench.said[0]
+    assert len(bench.lines) == 2 and "mine" in bench.lines[0]
 
 
 def test_a_pump_ends_after_each_sample() -> None:
@@ -862,7 +864,7 @@ def test_the_clock_matches_the_agents_to_a_microsecond() -> None:
         bench.until(AGENT_CONNECTED)
         for _ in range(20):
             bench.run(777)
-            assert abs(bench.off()) <= 1, (delay, bench.off())
+            assert abs(bench.offset()) <= 1, (delay, bench.offset())
 
 
 class Slow(FakeAgent):
@@ -899,7 +901,7 @@ def test_the_agents_processing_time_does_not_affect_the_clock() -> None:
                 assert bench.now() < 1000
                 bench.connection.pump(1)
             # 300 us each way; the agent's processing time is not part of the round trip.
-            assert abs(bench.off()) <= 1, (inside_us, left_us, bench.off())
+            assert abs(bench.offset()) <= 1, (inside_us, left_us, bench.offset())
 
 
 def test_the_first_reply_with_the_shortest_round_trip_sets_the_clock() -> None:
@@ -920,7 +922,7 @@ def test_the_first_reply_with_the_shortest_round_trip_sets_the_clock() -> None:
         bench.agent.submessage = submessage
         bench.until(AGENT_CONNECTED)
         bench.run(100)  # a correction backwards runs at half speed
-        assert bench.agent.times == 3 and abs(bench.off()) <= 1, (ways, bench.off())
+        assert bench.agent.times == 3 and abs(bench.offset()) <= 1, (ways, bench.offset())
 
 
 def test_slow_time_replies_are_rejected_and_requested_again() -> None:
@@ -932,7 +934,7 @@ def test_slow_time_replies_are_rejected_and_requested_again() -> None:
     bench.agent.delay = (100, 90000)  # one way only: the clock would be off by 45 ms
     bench.run(5000)
     assert 2 <= bench.agent.times - asked <= 3
-    assert abs(bench.off()) <= 1, bench.off()
+    assert abs(bench.offset()) <= 1, bench.offset()
     bench.agent.delay = (100, 100)
     bench.run(40000)
     asked = bench.agent.times
@@ -947,7 +949,7 @@ def test_time_replies_of_a_permanently_slow_line_are_accepted_in_time() -> None:
     bench.agent.delay = (20000, 20000)
     bench.agent.epoch_us += 300000  # its clock was set
     bench.run(900000)
-    assert abs(bench.off()) <= 1, bench.off()
+    assert abs(bench.offset()) <= 1, bench.offset()
 
 
 def test_a_reply_to_an_older_timestamp_is_ignored() -> None:
@@ -955,7 +957,7 @@ def test_a_reply_to_an_older_timestamp_is_ignored() -> None:
     bench.agent.delay = (65000, 65000)  # longer than until the next TIMESTAMP
     bench.until(AGENT_CONNECTED)
     bench.run(3000)
-    assert abs(bench.off()) <= 1, bench.off()
+    assert abs(bench.offset()) <= 1, bench.offset()
 
 
 def test_unrequested_time_replies_are_ignored() -> None:
@@ -980,7 +982,7 @@ def test_time_never_goes_back_while_small_corrections_are_made() -> None:
             now = bench.clock.now()
             assert now >= last, (change, last, now)
             last = now
-        assert abs(bench.off()) <= 1, (change, bench.off())
+        assert abs(bench.offset()) <= 1, (change, bench.offset())
 
 
 def test_a_large_step_of_the_agents_clock_is_followed_at_once() -> None:
@@ -989,7 +991,7 @@ def test_a_large_step_of_the_agents_clock_is_followed_at_once() -> None:
         bench.until(AGENT_CONNECTED)
         bench.agent.epoch_us += years * 365 * 86400 * 1000000
         bench.run(31000)
-        assert abs(bench.off()) <= 1, (years, bench.off())
+        assert abs(bench.offset()) <= 1, (years, bench.offset())
 
 
 def test_the_clock_follows_another_agents_time() -> None:
@@ -999,4 +1001,4 @@ def test_the_clock_follows_another_agents_time() -> None:
     bench.agent.epoch_us -= 86400 * 1000000
     bench.until(WAITING_AGENT)
     bench.until(AGENT_CONNECTED)
-    assert abs(bench.off()) <= 1, bench.off()
+    assert abs(bench.offset()) <= 1, bench.offset()

@@ -126,7 +126,7 @@ class LossyAgent(FakeAgent):
             self.beat_at = self.clock.t + HEARTBEAT_MS * 1000
 
 
-class Life:
+class Scenario:
     """A node with an entity of each kind, and the samples received at both ends."""
 
     def __init__(self, agent, **options):
@@ -195,7 +195,7 @@ class Life:
 
 
 def lossy(seed, **line):
-    return Life(LossyAgent(FakeClock(), seed, **line), silence_ms=20000)
+    return Scenario(LossyAgent(FakeClock(), seed, **line), silence_ms=20000)
 
 
 # --- a bad line ---------------------------------------------------------------------------------
@@ -203,49 +203,49 @@ def lossy(seed, **line):
 
 def chat(seed):
     """Exchange sixty samples in each direction at the same time."""
-    life = lossy(seed, lost=30, twice=20, late_ms=30, damaged=15)
-    life.connect()
+    scenario = lossy(seed, lost=30, twice=20, late_ms=30, damaged=15)
+    scenario.connect()
     sent = [0]
 
     def publish():
-        if sent[0] < 60 and life.publisher.publish(Number(sent[0])):
-            life.agent.sample(0x16, number_bytes(1000 + sent[0]))
+        if sent[0] < 60 and scenario.publisher.publish(Number(sent[0])):
+            scenario.agent.sample(0x16, number_bytes(1000 + sent[0]))
             sent[0] += 1
 
-    life.node.create_timer(0.02, publish)
-    life.until(lambda: len(life.agent.samples) >= 60 and len(life.heard) >= 60)
-    life.run(2000)
-    return life
+    scenario.node.create_timer(0.02, publish)
+    scenario.until(lambda: len(scenario.agent.samples) >= 60 and len(scenario.heard) >= 60)
+    scenario.run(2000)
+    return scenario
 
 
 def test_reliable_samples_arrive_complete_and_in_order_both_ways() -> None:
     for seed in range(6):
-        life = chat(seed)
-        numbers = [int.from_bytes(sample[1], "little") for sample in life.agent.samples]
+        scenario = chat(seed)
+        numbers = [int.from_bytes(sample[1], "little") for sample in scenario.agent.samples]
         assert numbers == list(range(60)), (seed, numbers)
-        assert life.heard == list(range(1000, 1060)), (seed, life.heard)
-        assert life.node.connection.connections == 1 and life.node.state == AGENT_CONNECTED
-        assert life.errors == []
-        count = life.agent.count
+        assert scenario.heard == list(range(1000, 1060)), (seed, scenario.heard)
+        assert scenario.node.connection.connections == 1 and scenario.node.state == AGENT_CONNECTED
+        assert scenario.errors == []
+        count = scenario.agent.count
         assert count["lost"] > 50 and count["twice"] > 20 and count["damaged"] > 20, count
 
 
 def test_damaged_frames_are_counted() -> None:
-    life = lossy(3, damaged=30)
-    life.connect()
+    scenario = lossy(3, damaged=30)
+    scenario.connect()
     for i in range(100):
-        life.agent.sample(0x16, number_bytes(i))
-        life.run(5)
-    life.until(lambda: len(life.heard) == 100)
-    assert life.heard == list(range(100))
-    deframer = life.agent.deframers[1]
+        scenario.agent.sample(0x16, number_bytes(i))
+        scenario.run(5)
+    scenario.until(lambda: len(scenario.heard) == 100)
+    assert scenario.heard == list(range(100))
+    deframer = scenario.agent.deframers[1]
     assert deframer.skipped > 100 and deframer.crc_errors > 0
 
 
 # --- an agent that is gone ----------------------------------------------------------------------
 
 
-class Mortal(LossyAgent):
+class DyingAgent(LossyAgent):
     """An agent that dies after ``alive`` datagrams, counted in both directions."""
 
     def __init__(self, clock, alive):
@@ -267,43 +267,43 @@ class Mortal(LossyAgent):
             super().post(message)
 
 
-def lived(alive, restart_ms, forgets=True):
+def run_with_restart(alive, restart_ms, forgets=True):
     """Let the agent die after ``alive`` datagrams and restart after ``restart_ms``.
 
     Returns:
-        Whether it died, and the Life.
+        Whether it died, and the Scenario.
     """
-    agent = Mortal(FakeClock(), alive)
-    life = Life(agent)
+    agent = DyingAgent(FakeClock(), alive)
+    scenario = Scenario(agent)
     done = [False]
 
     def act():
-        life.publisher.publish(Number(7))
-        life.client.call_async(Ask.Request(1))
+        scenario.publisher.publish(Number(7))
+        scenario.client.call_async(Ask.Request(1))
         agent.sample(0x16, number_bytes(1)) if agent.session_id else None
         agent.sample(0x08, IDENTITY + number_bytes(1)) if agent.session_id else None
 
-    timer = life.node.create_timer(0.1, act)
+    timer = scenario.node.create_timer(0.1, act)
     while not done[0] and len(agent.samples) < 8:
-        life.node.spin_once(0.01)
+        scenario.node.spin_once(0.01)
         done[0] = agent.alive <= 0
-    life.run(restart_ms)
+    scenario.run(restart_ms)
     timer.cancel()
     agent.alive = None
     agent.silent = False
     if forgets:
         agent.forget()
-    life.run(50)
-    life.until(lambda: life.node.state == AGENT_CONNECTED and len(agent.creations) == 9)
-    life.run(2500)  # lasting faults show within this time
-    life.works()
-    return done[0], life
+    scenario.run(50)
+    scenario.until(lambda: scenario.node.state == AGENT_CONNECTED and len(agent.creations) == 9)
+    scenario.run(2500)  # lasting faults show within this time
+    scenario.works()
+    return done[0], scenario
 
 
 def test_an_agent_that_dies_after_any_datagram_is_replaced() -> None:
     """The agent dies after any datagram, a new one starts 3 s later, and the node works."""
     alive = 1
-    while lived(alive, 3000)[0]:
+    while run_with_restart(alive, 3000)[0]:
         alive += STEP
     assert alive > 60, alive
 
@@ -311,7 +311,7 @@ def test_an_agent_that_dies_after_any_datagram_is_replaced() -> None:
 def test_an_agent_that_restarts_after_any_datagram() -> None:
     """The agent restarts after any datagram, at once and without sessions; the node works."""
     alive = 1
-    while lived(alive, 1)[0]:
+    while run_with_restart(alive, 1)[0]:
         alive += STEP
     assert alive > 60, alive
 
@@ -321,8 +321,8 @@ def test_an_agent_that_stalls_for_a_second_after_any_datagram() -> None:
     alive = 1
     going = True
     while going:
-        going, life = lived(alive, 1000, False)
-        assert AGENT_DISCONNECTED not in life.states, (alive, life.states)
+        going, scenario = run_with_restart(alive, 1000, False)
+        assert AGENT_DISCONNECTED not in scenario.states, (alive, scenario.states)
         alive += STEP
     assert alive > 60, alive
 
@@ -330,25 +330,25 @@ def test_an_agent_that_stalls_for_a_second_after_any_datagram() -> None:
 # --- wrong answers ------------------------------------------------------------------------------
 
 
-class Liar(FakeAgent):
-    """An agent whose messages ``lie(kind, payload, session id)`` changes, or drops by None."""
+class WrongAgent(FakeAgent):
+    """An agent whose messages ``change(kind, payload, session id)`` changes, or drops by None."""
 
-    lie = None
+    change = None
 
     def answer(self, kind, payload, session_id=None):
         self.tell(kind, payload, session_id, super().answer)
 
     def reliable(self, kind, payload, flags=ids.FLAG_LITTLE_ENDIAN):
-        if self.lie is None:
+        if self.change is None:
             super().reliable(kind, payload, flags)
         else:
-            changed_message = self.lie(kind, payload, self.session_id)
+            changed_message = self.change(kind, payload, self.session_id)
             if changed_message is not None:
                 super().reliable(changed_message[0], changed_message[1], flags)
 
     def tell(self, kind, payload, session_id, say):
-        if self.lie is not None:
-            changed_message = self.lie(kind, payload, session_id or self.session_id)
+        if self.change is not None:
+            changed_message = self.change(kind, payload, session_id or self.session_id)
             if changed_message is None:
                 return
             kind, payload, session_id = changed_message
@@ -361,27 +361,27 @@ def changed(octets, at, value):
     return bytes(out)
 
 
-def lies():
-    """Return (name, lie) of each change."""
+def changes():
+    """Return (name, change) of each change."""
     out = []
     for status in (1, 0x80, 0x83, 0x88, 0xFF):
 
-        def lie(kind, payload, session_id, status=status):
+        def change(kind, payload, session_id, status=status):
             if kind == ids.STATUS:
                 payload = changed(payload, 4, status)
             elif kind == ids.STATUS_AGENT:
                 payload = changed(payload, 0, status)
             return kind, payload, session_id
 
-        out.append(("status %d" % status, lie))
+        out.append(("status %d" % status, change))
     for at in (0, 1, 2, 3):
 
-        def lie(kind, payload, session_id, at=at):
+        def change(kind, payload, session_id, at=at):
             if kind in (ids.STATUS, ids.INFO, ids.DATA):
                 payload = changed(payload, at, payload[at] ^ 0x55)
             return kind, payload, session_id
 
-        out.append(("id octet %d" % at, lie))
+        out.append(("id octet %d" % at, change))
     for changed_id in (0x80, 0x82, 0xFE, 0x01):
         out.append(
             (
@@ -395,14 +395,14 @@ def lies():
         )
     for changed_kind in range(16):
 
-        def lie(kind, payload, session_id, changed_kind=changed_kind):
+        def change(kind, payload, session_id, changed_kind=changed_kind):
             return (
                 (changed_kind, payload, session_id)
                 if kind != ids.INFO
                 else (kind, payload, session_id)
             )
 
-        out.append(("kind %d" % changed_kind, lie))
+        out.append(("kind %d" % changed_kind, change))
         out.append(
             (
                 "no kind %d" % changed_kind,
@@ -424,132 +424,134 @@ def lies():
 def test_a_node_recovers_from_any_wrong_answer() -> None:
     """While the agent sends wrong messages nothing raises; afterwards the node works."""
     for before in (False, True):  # from the start, or after the node has connected
-        for name, lie in lies():
-            agent = Liar(FakeClock())
-            life = Life(agent)
+        for name, change in changes():
+            agent = WrongAgent(FakeClock())
+            scenario = Scenario(agent)
             if before:
-                life.connect()
-            agent.lie = lie
+                scenario.connect()
+            agent.change = change
             for i in range(6):
-                life.publisher.publish(Number(i))
+                scenario.publisher.publish(Number(i))
                 if agent.session_id:
                     agent.sample(0x16, number_bytes(i))
-                life.run(700)
-            agent.lie = None
+                scenario.run(700)
+            agent.change = None
             assert all(
-                [isinstance(error, ValueError) for error in life.errors]
+                [isinstance(error, ValueError) for error in scenario.errors]
             )  # of another definition
-            del life.errors[:]
-            if not before or life.node.state != AGENT_CONNECTED or agent.into.next != 0:
+            del scenario.errors[:]
+            if not before or scenario.node.state != AGENT_CONNECTED or agent.into.next != 0:
                 # Wrong acknowledgements and numbers cannot be repaired: start another agent.
                 agent.silent = True
-                life.run(3000)
+                scenario.run(3000)
                 agent.silent = False
                 agent.forget()
             try:
-                life.works()
+                scenario.works()
             except AssertionError as error:
                 raise AssertionError("%s, %s: %r" % (name, before, error))
 
 
 def test_answers_to_other_requests_do_not_connect() -> None:
     """Only the STATUS of its own requests confirms that an entity is created."""
-    agent = Liar(FakeClock())
-    life = Life(agent)
+    agent = WrongAgent(FakeClock())
+    scenario = Scenario(agent)
 
-    def lie(kind, payload, session_id):
+    def change(kind, payload, session_id):
         if kind == ids.STATUS:
             payload = changed(payload, 0, 0x77)
         return kind, payload, session_id
 
-    agent.lie = lie
-    life.run(10000)
-    assert AGENT_CONNECTED not in life.states and AGENT_AVAILABLE in life.states
-    assert "unanswered" in life.node.connection.reason
+    agent.change = change
+    scenario.run(10000)
+    assert AGENT_CONNECTED not in scenario.states and AGENT_AVAILABLE in scenario.states
+    assert "unanswered" in scenario.node.connection.reason
 
 
 def test_datagrams_of_foreign_sessions_are_counted_and_ignored() -> None:
-    life = Life(FakeAgent(FakeClock()))
-    life.connect()
-    agent = life.agent
+    scenario = Scenario(FakeAgent(FakeClock()))
+    scenario.connect()
+    agent = scenario.agent
     sample = built(session.push_request, 0, 0x16) + number_bytes(5)
-    before = life.node.connection.dropped
+    before = scenario.node.connection.dropped
     for session_id in (0x80, 0x82, 0x90, 0xFE, 0xFF):
         for stream in (0, 1, 0x80):
             agent.post(message(ids.DATA, sample, stream, 0, session_id))
-    life.run(100)
-    assert life.heard == [] and life.node.connection.dropped - before == 15
-    life.works()
+    scenario.run(100)
+    assert scenario.heard == [] and scenario.node.connection.dropped - before == 15
+    scenario.works()
 
 
 # --- callbacks ----------------------------------------------------------------------------------
 
 
 def test_every_callback_may_raise_without_effect_on_others() -> None:
-    life = Life(FakeAgent(FakeClock()))
-    agent = life.agent
+    scenario = Scenario(FakeAgent(FakeClock()))
+    agent = scenario.agent
 
     def fail(*arguments):
         raise RuntimeError("mine")
 
-    life.connect()
-    node = life.node
+    scenario.connect()
+    node = scenario.node
     node.create_subscription(Number, "bad", fail)  # 0x26
     node.create_service(Ask, "bad", fail)  # 0x18
     timer = node.create_timer(0.05, fail)
     guard = node.create_guard_condition(fail)
     node.on_state = fail
-    life.run(20)
+    scenario.run(20)
     agent.sample(0x26, number_bytes(1))
     agent.sample(0x18, IDENTITY + number_bytes(1))
     guard.trigger()
-    future = life.client.call_async(Ask.Request(1))
+    future = scenario.client.call_async(Ask.Request(1))
     future.add_done_callback(fail)
     number = [datagram[8:10] for datagram in agent.sent if datagram[4] == ids.WRITE_DATA][-1]
     agent.sample(0x07, number + b"\0\7" + number_bytes(9))
     agent.sample(0x16, number_bytes(3))
-    life.run(52)
-    assert len(life.errors) == 5 == node.executor.failed, life.errors
-    assert all([isinstance(error, RuntimeError) for error in life.errors])
-    assert life.heard == [3]
+    scenario.run(52)
+    assert len(scenario.errors) == 5 == node.executor.failed, scenario.errors
+    assert all([isinstance(error, RuntimeError) for error in scenario.errors])
+    assert scenario.heard == [3]
     timer.cancel()
     agent.silent = True  # on_state raises in each of these
-    life.run(4000)
+    scenario.run(4000)
     agent.silent = False
     agent.forget()
-    life.connect()
-    assert life.publisher.publish(Number(1)) and node.connection.connections == 2
+    scenario.connect()
+    assert scenario.publisher.publish(Number(1)) and node.connection.connections == 2
 
 
 def test_samples_lost_by_slow_callbacks_are_counted() -> None:
     """The samples are best effort: reliable ones wait at the agent."""
-    life = Life(FakeAgent(FakeClock()))
-    life.connect()
-    subscription = life.node.create_subscription(Number, "fast", life.heard.append, 5)
-    life.run(20)
+    scenario = Scenario(FakeAgent(FakeClock()))
+    scenario.connect()
+    subscription = scenario.node.create_subscription(Number, "fast", scenario.heard.append, 5)
+    scenario.run(20)
     for i in range(200):
         sample = built(session.push_request, 0, 0x26) + number_bytes(i)
-        life.agent.post(message(ids.DATA, sample, 1, i, life.agent.session_id))
-        life.node.connection.pump(0)  # as a callback that spins
-    life.run(100)
-    assert [message.value for message in life.heard] == list(range(200 - len(life.heard), 200))
-    assert subscription.lost == 200 - len(life.heard) > 100
+        scenario.agent.post(message(ids.DATA, sample, 1, i, scenario.agent.session_id))
+        scenario.node.connection.pump(0)  # as a callback that spins
+    scenario.run(100)
+    assert [message.value for message in scenario.heard] == list(
+        range(200 - len(scenario.heard), 200)
+    )
+    assert subscription.lost == 200 - len(scenario.heard) > 100
 
 
 def test_samples_of_another_definition_are_counted() -> None:
     """Samples that cannot be decoded are counted; trailing octets of others are ignored."""
-    life = Life(FakeAgent(FakeClock()))
-    life.connect()
-    subscription = life.node.executor.handles[0]
+    scenario = Scenario(FakeAgent(FakeClock()))
+    scenario.connect()
+    subscription = scenario.node.executor.handles[0]
     for octets in (b"", b"\1", b"abc", number_bytes(5) + b"more", number_bytes(6)):
-        life.agent.sample(0x16, octets)
-    life.agent.sample(0x08, IDENTITY + b"x")
-    life.run(100)
-    assert life.heard == [5, 6] and subscription.malformed == 3
+        scenario.agent.sample(0x16, octets)
+    scenario.agent.sample(0x08, IDENTITY + b"x")
+    scenario.run(100)
+    assert scenario.heard == [5, 6] and subscription.malformed == 3
     # The first one of each entity is reported with the remedy.
-    assert len(life.errors) == 2 and "definition" in str(life.errors[0])
-    del life.errors[:]
-    life.works()
+    assert len(scenario.errors) == 2 and "definition" in str(scenario.errors[0])
+    del scenario.errors[:]
+    scenario.works()
 
 
 # --- pipelining ---------------------------------------------------------------------------------
@@ -557,17 +559,17 @@ def test_samples_of_another_definition_are_counted() -> None:
 
 def test_reliable_publishing_takes_one_round_trip_per_window() -> None:
     agent = FakeAgent(FakeClock())
-    life = Life(agent)
-    life.connect()
+    scenario = Scenario(agent)
+    scenario.connect()
     agent.delay = (0, 100000)
-    start = life.clock.t
+    start = scenario.clock.t
     for i in range(160):
-        before = life.clock.t
-        assert life.publisher.publish(Number(i))
-        assert life.clock.t == before  # it never waits
+        before = scenario.clock.t
+        assert scenario.publisher.publish(Number(i))
+        assert scenario.clock.t == before  # it never waits
     assert len(agent.samples) == 16
-    life.until(lambda: len(agent.samples) == 160)
-    assert 900000 <= life.clock.t - start <= 1000000  # 160 / 16 windows, the first at once
+    scenario.until(lambda: len(agent.samples) == 160)
+    assert 900000 <= scenario.clock.t - start <= 1000000  # 160 / 16 windows, the first at once
     assert [sample[1] for sample in agent.samples] == [number_bytes(i) for i in range(160)]
 
 
@@ -577,15 +579,15 @@ def test_reliable_publishing_takes_one_round_trip_per_window() -> None:
 def test_on_state_gets_all_four_states_in_order() -> None:
     agent = FakeAgent(FakeClock())
     agent.silent = True
-    life = Life(agent)
-    life.run(3000)
-    assert life.states == [] and life.node.state == WAITING_AGENT
+    scenario = Scenario(agent)
+    scenario.run(3000)
+    assert scenario.states == [] and scenario.node.state == WAITING_AGENT
     for _ in range(3):
         agent.silent = False
-        life.connect()
+        scenario.connect()
         agent.silent = True
-        life.until(lambda: life.node.state == WAITING_AGENT)
+        scenario.until(lambda: scenario.node.state == WAITING_AGENT)
         agent.forget()
-    assert life.states == [
+    assert scenario.states == [
         AGENT_AVAILABLE, AGENT_CONNECTED, AGENT_DISCONNECTED, WAITING_AGENT
     ] * 3  # fmt: skip

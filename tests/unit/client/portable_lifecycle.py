@@ -58,17 +58,17 @@ WAYS = {"unconfigured": [], "inactive": ["configure"], "active": ["configure", "
 
 
 class Device(LifecycleNode):
-    """``calls`` are (callback, state before, state); ``says`` are return values by callback."""
+    """``calls`` are (callback, state before, state); ``outcomes`` are return values by callback."""
 
     def __init__(self, *arguments, **options):
         self.calls = []
-        self.says = {}
+        self.outcomes = {}
         LifecycleNode.__init__(self, *arguments, **options)
 
     def tell(self, name, state):
         assert isinstance(state, LifecycleState)
         self.calls.append((name, state.label, self.current_state.label))
-        outcome = self.says.get(name, SUCCESS)
+        outcome = self.outcomes.get(name, SUCCESS)
         if isinstance(outcome, Exception):
             raise outcome
         return outcome
@@ -153,13 +153,13 @@ def test_each_outcome_of_each_transition_follows_the_graph() -> None:
             between = row(state, label)[1]
             for outcome in (SUCCESS, FAILURE):
                 node = at(state, connect=False).node
-                node.says[CALLED[label]] = outcome
+                node.outcomes[CALLED[label]] = outcome
                 assert trigger(node, label) == outcome
                 assert node.current_state.label == end(between, OUTCOMES[outcome])
                 assert node.calls == [(CALLED[label], state, between)]
             for second in (SUCCESS, FAILURE, ERROR):
                 node = at(state, connect=False).node
-                node.says = {CALLED[label]: ERROR, "on_error": second}
+                node.outcomes = {CALLED[label]: ERROR, "on_error": second}
                 assert trigger(node, label) == ERROR
                 assert node.current_state.label == end("errorprocessing", OUTCOMES[second])
                 assert node.calls[1] == ("on_error", state, "errorprocessing")
@@ -190,7 +190,7 @@ def test_finalized_has_no_transitions() -> None:
 def test_a_callback_that_raises_or_returns_none_is_a_reported_error() -> None:
     for outcome, text in ((RuntimeError("no lens"), "no lens"), (None, "on_configure gave None")):
         device = at("unconfigured")
-        device.node.says = {"on_configure": outcome}
+        device.node.outcomes = {"on_configure": outcome}
         if outcome is None:
             device.node.on_configure = lambda state: None
         assert device.node.trigger_configure() == ERROR
@@ -238,15 +238,15 @@ def test_a_lifecycle_publisher_of_a_node_with_its_own_callbacks() -> None:
     device = at("inactive")
     publisher = device.node.create_lifecycle_publisher(Number, "image")
     device.connect()
-    device.node.says["on_activate"] = FAILURE
+    device.node.outcomes["on_activate"] = FAILURE
     assert device.node.trigger_activate() == FAILURE and not publisher.publish(Number(1))
-    device.node.says.clear()
+    device.node.outcomes.clear()
     assert device.node.trigger_activate() == SUCCESS and publisher.publish(Number(1))
     late = device.node.create_lifecycle_publisher(Number, "late")
     device.connect()
     assert late.publish(Number(1))
     device.node.destroy_lifecycle_publisher(late)
-    device.node.says = {"on_deactivate": ERROR, "on_error": FAILURE}
+    device.node.outcomes = {"on_deactivate": ERROR, "on_error": FAILURE}
     assert device.node.trigger_deactivate() == ERROR and not publisher.publish(Number(1))
 
 
@@ -254,13 +254,13 @@ def test_managed_entities_follow_in_order_until_one_fails() -> None:
     calls = []
 
     class Part(ManagedEntity):
-        def __init__(self, name, says=SUCCESS):
+        def __init__(self, name, outcome=SUCCESS):
             self.name = name
-            self.says = says
+            self.outcome = outcome
 
         def on_configure(self, state):
             calls.append((self.name, state.label))
-            return self.says
+            return self.outcome
 
     device = bench(LifecycleNode, connect=False)
     simple = SimpleManagedEntity()
@@ -327,7 +327,7 @@ def test_each_transition_is_published() -> None:
     device = bench()
     device.heard(NAME + "transition_event")
     device.node.trigger_configure()
-    device.node.says["on_activate"] = ERROR
+    device.node.outcomes["on_activate"] = ERROR
     device.node.trigger_activate()
     heard = device.heard(NAME + "transition_event")
     assert all([event[0] > 1700000000 * 10**9 for event in heard])

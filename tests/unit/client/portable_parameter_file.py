@@ -15,12 +15,12 @@ from uros.client.parameters import (
 try:
     from tempfile import mkdtemp
 except ImportError:  # MicroPython
-    _made = []
+    _folders = []
 
     def mkdtemp():
-        _made.append("/parameters%d" % len(_made))
-        os.mkdir(_made[-1])
-        return _made[-1]
+        _folders.append("/parameters%d" % len(_folders))
+        os.mkdir(_folders[-1])
+        return _folders[-1]
 
 
 PERIOD = 5.0
@@ -60,9 +60,9 @@ class Board:
     def __init__(self, name, values=VALUES, rules=None):
         self.bench = Bench(connect=False)
         self.node = self.bench.node
-        self.said = []
+        self.lines = []
         self.file = ParameterFile(name, PERIOD)
-        self.file.say = self.said.append
+        self.file.say = self.lines.append
         ParameterServer(self.node, persist=self.file)
         for parameter in sorted(values):
             self.node.declare_parameter(parameter, values[parameter], (rules or {}).get(parameter))
@@ -90,7 +90,7 @@ def test_values_survive_a_restart() -> None:
     again = Board(name)
     for parameter in VALUES:
         assert again.get(parameter) == new.get(parameter, VALUES[parameter]), parameter
-    assert again.said == [] and again.file.writes == 0
+    assert again.lines == [] and again.file.writes == 0
 
 
 def test_the_types_of_empty_lists_are_kept() -> None:
@@ -101,7 +101,7 @@ def test_the_types_of_empty_lists_are_kept() -> None:
     assert first.node.set_parameters_atomically(parameters).successful
     first.file.save()
     again = Board(name, {"a": [1], "b": [0.5], "c": ["x"]})
-    assert [again.get(parameter) for parameter in "abc"] == [[], [], []] and again.said == []
+    assert [again.get(parameter) for parameter in "abc"] == [[], [], []] and again.lines == []
 
 
 def test_the_file_is_written_at_most_once_a_period_and_only_after_changes() -> None:
@@ -141,8 +141,8 @@ def test_a_damaged_file_is_ignored_and_reported() -> None:
         write(name, text)
         again = Board(name)
         assert again.get("int") == VALUES["int"] and again.get("text") == VALUES["text"], text
-        assert len(again.said) == 1 and "is damaged" in again.said[0], (text, again.said)
-        assert "the declared values count" in again.said[0]
+        assert len(again.lines) == 1 and "is damaged" in again.lines[0], (text, again.lines)
+        assert "the declared values count" in again.lines[0]
     again.set(int=8)
     again.file.save()
     assert Board(name).get("int") == 8
@@ -156,9 +156,9 @@ def test_a_value_that_does_not_fit_any_more_is_dropped_and_reported() -> None:
     rules = {"a": ParameterDescriptor(integer_range=[IntegerRange(0, 9)])}
     again = Board(name, {"a": 1, "b": 2.5, "c": 3}, rules)
     assert [again.get(parameter) for parameter in "abc"] == [1, 2.5, 70]
-    assert len(again.said) == 2
-    assert "a of" in again.said[0] and "out of range" in again.said[0]
-    assert "b of" in again.said[1] and "wrong type" in again.said[1]
+    assert len(again.lines) == 2
+    assert "a of" in again.lines[0] and "out of range" in again.lines[0]
+    assert "b of" in again.lines[1] and "wrong type" in again.lines[1]
 
 
 def test_a_file_edited_by_hand() -> None:
@@ -168,7 +168,7 @@ def test_a_file_edited_by_hand() -> None:
     board = Board(name)
     assert board.get("float") == 7.0 and board.get("floats") == [1.0, 2.5]
     assert board.get("int") == VALUES["int"] and board.get("text") == VALUES["text"]
-    assert len(board.said) == 2
+    assert len(board.lines) == 2
     board.set(bool=False)
     board.file.save()
     assert '"z": [9, []]' in read(name)  # a parameter that another program declares
@@ -201,7 +201,7 @@ def test_the_new_file_replaces_the_old_one_when_complete() -> None:
     os.remove(name)
     write(name + ".new", new)
     again = Board(name)
-    assert again.get("int") == 6 and again.said == []
+    assert again.get("int") == 6 and again.lines == []
     again.set(int=7)
     assert again.file.save() and Board(name).get("int") == 7
 
@@ -213,8 +213,8 @@ def test_a_failed_write_is_reported_once_and_retried() -> None:
     board.set(int=5)
     assert not board.file.save()
     board.bench.run(16000)
-    assert board.file.failures == 4 and len(board.said) == 1
-    assert "cannot be written" in board.said[0]
+    assert board.file.failures == 4 and len(board.lines) == 1
+    assert "cannot be written" in board.lines[0]
     os.mkdir(folder + "/none")
     board.bench.run(5000)
     assert board.file.writes == 1 and Board(folder + "/none/params.json").get("int") == 5

@@ -53,14 +53,14 @@ class Pair:
         self.numbers = self.talker.create_publisher(Int32, "numbers", 10)
         self.pictures = self.talker.create_publisher(UInt8MultiArray, "pictures", 10)
         self.talker.create_service(Trigger, "go", self.go)
-        self.heard, self.seen, self.answers = [], [], []
+        self.heard, self.received, self.answers = [], [], []
         self.listener.create_subscription(
             Int32, "numbers", lambda message: self.heard.append(message.data), KEEP_ALL
         )
         self.listener.create_subscription(
             UInt8MultiArray,
             "pictures",
-            lambda message: self.seen.append(bytes(message.data)),
+            lambda message: self.received.append(bytes(message.data)),
             KEEP_ALL,
         )
         self.client = self.listener.create_client(Trigger, "go")
@@ -80,14 +80,14 @@ class Pair:
 
     def works(self):
         self.wire.connect()
-        del self.heard[:], self.seen[:], self.answers[:]
+        del self.heard[:], self.received[:], self.answers[:]
         self.act(5)
-        self.wire.until(lambda: self.heard and self.seen and self.answers, 5000, vars(self))
-        assert self.heard == [5] and self.seen == [picture(5)] and self.answers == ["gone"]
+        self.wire.until(lambda: self.heard and self.received and self.answers, 5000, vars(self))
+        assert self.heard == [5] and self.received == [picture(5)] and self.answers == ["gone"]
         assert all(node.executor.failed == 0 for node in self.wire.nodes)
 
 
-def lived(alive, restart_ms):
+def run_with_restart(alive, restart_ms):
     """Let the agent die after ``alive`` datagrams; return whether it died before the end."""
     with MortalWire(alive) as wire:
         pair = Pair(wire)
@@ -110,7 +110,7 @@ def lived(alive, restart_ms):
 @pytest.mark.parametrize("restart_ms", [1, 3000])
 def test_an_agent_that_dies_after_any_datagram_is_replaced(first, restart_ms):
     alive = first
-    while lived(alive, restart_ms):
+    while run_with_restart(alive, restart_ms):
         alive += 4
     assert alive > 150, alive
 
@@ -118,13 +118,13 @@ def test_an_agent_that_dies_after_any_datagram_is_replaced(first, restart_ms):
 @pytest.mark.parametrize("seed", range(10))
 def test_late_datagrams_of_an_earlier_session_have_no_effect(seed):
     """Datagrams of the last session arrive seconds late in any order: they are dropped, counted."""
-    ghosts = []
+    recorded = []
     with MortalWire(200) as wire:
         carry = wire.carry
 
         def record(datagram, arrive):
             if datagram[4] != ids.CREATE_CLIENT:  # it would create a session
-                ghosts.append((datagram, arrive))
+                recorded.append((datagram, arrive))
             carry(datagram, arrive)
 
         wire.carry = record
@@ -143,13 +143,13 @@ def test_late_datagrams_of_an_earlier_session_have_no_effect(seed):
         dropped = sum(node.connection.dropped for node in wire.nodes)
         pair.works()
         wire.random.seed(seed)
-        wire.random.shuffle(ghosts)
-        for number, (datagram, arrive) in enumerate(ghosts):
+        wire.random.shuffle(recorded)
+        for number, (datagram, arrive) in enumerate(recorded):
             arrive(datagram)
             if number % 10 == 0:
                 wire.run(10)
         wire.run(1000)
-        assert pair.heard == [5] and pair.seen == [picture(5)] and pair.answers == ["gone"]
+        assert pair.heard == [5] and pair.received == [picture(5)] and pair.answers == ["gone"]
         pair.works()
         assert before == [node.connection.connections for node in wire.nodes]
         assert sum(node.connection.dropped for node in wire.nodes) > dropped + 50
