@@ -26,7 +26,7 @@ DAY = 86_400.0
 
 
 class Time:
-    """Stands for time.monotonic, everywhere."""
+    """Stands for time.monotonic in all modules."""
 
     def __init__(self, monkeypatch):
         self.ahead = 0.0
@@ -35,7 +35,7 @@ class Time:
 
 
 @given(st.lists(st.floats(-1e9, 1e9), max_size=30))
-def test_two_readings_are_always_within_reach_and_never_backwards(steps):
+def test_readings_never_go_backwards_and_stay_within_the_tick_range(steps):
     now = [1e6]
     clock = Clock(lambda: now[0])
     before = clock.ticks()
@@ -47,7 +47,7 @@ def test_two_readings_are_always_within_reach_and_never_backwards(steps):
         before = after
 
 
-def test_short_times_pass_as_they_are():
+def test_short_times_are_measured_exactly():
     now = [0.0]
     clock = Clock(lambda: now[0])
     start = clock.ticks()
@@ -58,34 +58,34 @@ def test_short_times_pass_as_they_are():
 
 
 @pytest.mark.parametrize("days", [0.05, 3, 7, 12.4, 13, 400])
-def test_a_process_that_stood_still_for_days_goes_on(monkeypatch, days):
-    """Heartbeats come at once, and not in a week: the agent was stopped, or its machine was."""
+def test_a_process_that_was_stopped_for_days_goes_on(monkeypatch, days):
+    """After a stop of the agent or its machine, heartbeats are sent at once, not a week later."""
     clock = Time(monkeypatch)
     with running() as server:
-        one = server.client(3)
+        client = server.client(3)
         writer, reader = (
-            one.writer("a", "rt/a", "a::msg::dds_::A_"),
-            one.reader("a", "rt/a", "a::msg::dds_::A_"),
+            client.writer("a", "rt/a", "a::msg::dds_::A_"),
+            client.reader("a", "rt/a", "a::msg::dds_::A_"),
         )
-        one.read(reader)
-        take, seen = one.take, []
-        one.take = seen.append
-        one._put(
+        client.read(reader)
+        take, messages = client.take, []
+        client.take = messages.append
+        client._put(
             ids.WRITE_DATA, b"\0\1" + writer.to_bytes(2, "big") + b"lost", ids.STREAM_RELIABLE, 1
         )
-        one.until(lambda: any(item[4] == ids.DATA for item in seen), "no sample")
+        client.until(lambda: any(item[4] == ids.DATA for item in messages), "no sample")
         clock.ahead += days * DAY
         server.server._wake.set()
-        seen.clear()
-        one.until(lambda: any(item[4] == ids.HEARTBEAT for item in seen), "no heartbeat")
-        one.take = take
-        assert one.sample(reader) == b"lost"
-        assert one.ping() == 1
+        messages.clear()
+        client.until(lambda: any(item[4] == ids.HEARTBEAT for item in messages), "no heartbeat")
+        client.take = take
+        assert client.sample(reader) == b"lost"
+        assert client.ping() == 1
         assert "internal error" not in server.said.getvalue()
 
 
 def test_the_wall_clock_may_jump(desk):
-    """Only stamps come from it: sessions, heartbeats and the log do not mind."""
+    """The wall clock is used for time stamps alone: sessions, heartbeats and log are unaffected."""
     board = Board(desk)
     board.ask(*publisher_entities(), *subscriber_entities()[2:])
     board.send(read_data(READER))

@@ -32,20 +32,20 @@ def recorded():
     for name in NAMES:
         records = load(name)
         for from_client in (True, False):
-            yield from (it for _, it in messages(name, records, from_client))
+            yield from (record for _, record in messages(name, records, from_client))
 
 
 RECORDED = list(recorded())
 
 
-def one(submessage, **more):
+def format_one(submessage, **more):
     return format_message(message([submessage], 0x80, 5, **more)).removeprefix("0x81 reliable 5: ")
 
 
-def test_everything_that_was_recorded_means_something():
-    for it in RECORDED:
-        assert "??" not in format_message(it), format_message(it)
-    kinds = {part.kind for it in RECORDED for part in parse_message(it).parts}
+def test_every_recorded_message_is_formatted_without_errors():
+    for record in RECORDED:
+        assert "??" not in format_message(record), format_message(record)
+    kinds = {part.kind for record in RECORDED for part in parse_message(record).parts}
     assert kinds == {
         "CREATE_CLIENT", "CREATE", "GET_INFO", "DELETE", "STATUS_AGENT", "STATUS", "INFO",
         "WRITE_DATA", "READ_DATA", "DATA", "ACKNACK", "HEARTBEAT", "FRAGMENT", "TIMESTAMP",
@@ -53,9 +53,14 @@ def test_everything_that_was_recorded_means_something():
     }  # fmt: skip
 
 
-def test_a_conversation_reads_like_one():
-    lines = [format_message(it) for _, it in messages("rclc_trigger", load("rclc_trigger"), True)]
-    lines += [format_message(it) for _, it in messages("rclc_trigger", load("rclc_trigger"), False)]
+def test_the_lines_of_a_recorded_conversation():
+    lines = [
+        format_message(record) for _, record in messages("rclc_trigger", load("rclc_trigger"), True)
+    ]
+    lines += [
+        format_message(record)
+        for _, record in messages("rclc_trigger", load("rclc_trigger"), False)
+    ]
     for line in (
         "0x80: CREATE_CLIENT key 0x00000011 session 0x81 mtu 508 XRCE 1.0 vendor 010F",
         "0x81 reliable 0: CREATE #10 participant 0x000(1) in domain 0 'trigger_server_node'"
@@ -75,15 +80,17 @@ def test_a_conversation_reads_like_one():
 
 def test_a_datawriter_with_its_qos():
     content = bytes.fromhex("0012 01 00 0700 01 00 0a00 01 00 d0070000 00 00 00")
-    said = one(create(WRITER, ids.IN_BINARY, content, oid(3, ids.KIND_PUBLISHER), flags=2 | 4))
-    assert said == (
+    text = format_one(
+        create(WRITER, ids.IN_BINARY, content, oid(3, ids.KIND_PUBLISHER), flags=2 | 4)
+    )
+    assert text == (
         "CREATE #10 datawriter 0x001(5) in publisher 0x003(3) on topic 0x001(2) reliable"
         " keep_last 10 deadline 2000 ms ownership exclusive [reuse replace]"
     )
 
 
 @pytest.mark.parametrize(
-    ("submessage", "said"),
+    ("submessage", "text"),
     [
         (delete(WRITER), "DELETE #20 0x001(5)"),
         (delete(ids.OBJECT_CLIENT), "DELETE #20 client"),
@@ -136,8 +143,8 @@ def test_a_datawriter_with_its_qos():
         ),
     ],
 )  # fmt: skip
-def test_each_kind(submessage, said):
-    assert one(submessage) == said
+def test_each_kind(submessage, text):
+    assert format_one(submessage) == text
 
 
 def test_the_header():
@@ -150,7 +157,7 @@ def test_the_header():
 
 
 @pytest.mark.parametrize(
-    ("octets", "said"),
+    ("octets", "text"),
     [
         ("", "?? 0 bytes, too few for a header"),
         ("81", "?? 1 byte, too few for a header: 81"),
@@ -172,14 +179,14 @@ def test_the_header():
         ),
     ],
 )
-def test_where_it_stops_to_mean_something(octets, said):
-    assert format_message(bytes.fromhex(octets)) == said
+def test_the_position_of_a_decode_error_is_shown(octets, text):
+    assert format_message(bytes.fromhex(octets)) == text
 
 
 def check(octets):
-    said = format_message(octets)
-    assert len(said) <= MAX_LINE
-    assert said.isascii() and said.isprintable()
+    text = format_message(octets)
+    assert len(text) <= MAX_LINE
+    assert text.isascii() and text.isprintable()
     assert len(parse_message(octets).parts) <= MAX_SUBMESSAGES
 
 
@@ -200,12 +207,14 @@ def test_recorded_messages_with_wrong_octets(recorded, data):
     st.sampled_from(list(range(17))), st.integers(0, 15), st.integers(1, 3),
     st.binary(max_size=300), st.integers(0, 255),
 )  # fmt: skip
-def test_creates_of_every_kind_and_form(kind, thing, form, content, flags):
-    head = bytes((0, 1, 0, thing, thing, form)) + b"\0\0" + len(content).to_bytes(4, "little")
+def test_creates_of_every_kind_and_form(kind, object_id, form, content, flags):
+    head = (
+        bytes((0, 1, 0, object_id, object_id, form)) + b"\0\0" + len(content).to_bytes(4, "little")
+    )
     check(message([sub(kind, head + content + b"\0\0", flags)], 0x80, 0))
 
 
-def test_a_line_has_an_end_whatever_is_in_it():
+def test_the_length_of_a_line_is_limited():
     check(message([delete(WRITER)] * 5000))
     long = create(oid(1, ids.KIND_PARTICIPANT), ids.BY_REFERENCE, "x" * 60_000, 0)
     check(b"\x81\x80\0\0" + whole(long))

@@ -1,4 +1,4 @@
-"""--metrics: what Prometheus gets, and that no request harms the agent."""
+"""--metrics: the pages for Prometheus, and requests that must not harm the agent."""
 
 import json
 import socket
@@ -50,7 +50,7 @@ def get(running, path="/metrics", **headers):
 
 
 def status(running, path="/metrics"):
-    """The status of an answer that is an error, and what it says."""
+    """Return the status and the text of an error response."""
     with pytest.raises(urllib.error.HTTPError) as caught:
         get(running, path)
     with caught.value as error:
@@ -58,16 +58,16 @@ def status(running, path="/metrics"):
 
 
 def samples(text, parse=text_string_to_metric_families):
-    """(name, labels without their order) → value."""
+    """Return (name, labels in any order) → value."""
     return {
-        (it.name, *sorted(it.labels.items())): it.value
+        (sample.name, *sorted(sample.labels.items())): sample.value
         for family in parse(text)
-        for it in family.samples
+        for sample in family.samples
     }
 
 
-def value(found, name, **labels):
-    return found[(name, *sorted(labels.items()))]
+def value_of(metrics, name, **labels):
+    return metrics[(name, *sorted(labels.items()))]
 
 
 def board(running, key=0x77, writes=3):
@@ -83,15 +83,15 @@ def board(running, key=0x77, writes=3):
 # --- what is told --------------------------------------------------------------------------
 
 
-def test_a_scrape_has_what_the_snapshot_has():
+def test_a_scrape_has_the_values_of_the_snapshot():
     with measured() as running:
         board(running)
         text, form = get(running)
         assert form.startswith("text/plain")
-        found = samples(text)
-        seen = running.snapshot()
+        metrics = samples(text)
+        snapshot = running.snapshot()
         key = "0x00000077"
-        (client,) = seen["clients"]
+        (client,) = snapshot["clients"]
         for name, part, field in (
             ("received_messages_total", "received", "messages"),
             ("received_bytes_total", "received", "bytes"),
@@ -102,34 +102,37 @@ def test_a_scrape_has_what_the_snapshot_has():
             ("dropped_messages_total", "sent", "dropped"),
             ("stalled_messages", "queues", "stalled"),
         ):
-            assert value(found, f"uros_client_{name}", key=key) == client[part][field], name
-        assert value(found, "uros_clients") == 1 and value(found, "uros_refused_clients") == 0
-        assert value(
-            found, "uros_client_info", key=key, transport="UDPv4Agent",
+            assert value_of(metrics, f"uros_client_{name}", key=key) == client[part][field], name
+        assert (
+            value_of(metrics, "uros_clients") == 1
+            and value_of(metrics, "uros_refused_clients") == 0
+        )
+        assert value_of(
+            metrics, "uros_client_info", key=key, transport="UDPv4Agent",
             address=client["address"], node="/talker",
         ) == 1  # fmt: skip
         where = {"transport": "UDPv4Agent", "where": f"port {running.transport.port}"}
-        messages = value(found, "uros_transport_received_messages_total", **where)
-        assert messages == seen["transports"][0]["messages"] > 5
-        assert value(found, "process_resident_memory_bytes") > 1_000_000
-        assert value(found, "process_open_fds") > 2
-        assert value(found, "process_cpu_seconds_total") > 0
-        assert value(found, "uros_agent_uptime_seconds") > 0
+        messages = value_of(metrics, "uros_transport_received_messages_total", **where)
+        assert messages == snapshot["transports"][0]["messages"] > 5
+        assert value_of(metrics, "process_resident_memory_bytes") > 1_000_000
+        assert value_of(metrics, "process_open_fds") > 2
+        assert value_of(metrics, "process_cpu_seconds_total") > 0
+        assert value_of(metrics, "uros_agent_uptime_seconds") > 0
         assert get(running, "/")[0].splitlines()[0] == text.splitlines()[0]
 
 
-def test_the_newer_format_where_it_is_asked_for():
+def test_openmetrics_is_served_on_request():
     with measured("serial") as running:
         board(running, 0x10)
         text, form = get(running, Accept="application/openmetrics-text; version=1.0.0")
         assert form.startswith("application/openmetrics-text")
-        found = samples(text, openmetrics)
+        metrics = samples(text, openmetrics)
         where = {"transport": "SerialAgent", "where": running.transport.device}
-        assert value(found, "uros_transport_frames_total", **where) > 5
-        assert value(found, "uros_transport_crc_errors_total", **where) == 0
+        assert value_of(metrics, "uros_transport_frames_total", **where) > 5
+        assert value_of(metrics, "uros_transport_crc_errors_total", **where) == 0
 
 
-def test_names_are_prometheus_and_texts_of_boards_cannot_break_the_page():
+def test_metric_names_are_valid_and_texts_of_boards_are_escaped():
     evil = 'a"} 1\nuros_clients 99\n\\ \ud800é\u202e\x1b[2J'
     with measured() as running:
         board(running)
@@ -139,27 +142,27 @@ def test_names_are_prometheus_and_texts_of_boards_cannot_break_the_page():
     snapshot["clients"][0]["address"] = evil
     snapshot["transports"][0]["label"] = evil
     page, _ = module._page(snapshot, "")
-    found = samples(page.decode("utf-8"))
-    assert value(found, "uros_clients") == 1
-    assert any(dict(it[1:]).get("node") == printable(evil) for it in found)
-    assert not any("\u202e" in str(it) or "\x1b" in str(it) for it in found)
+    metrics = samples(page.decode("utf-8"))
+    assert value_of(metrics, "uros_clients") == 1
+    assert any(dict(metric[1:]).get("node") == printable(evil) for metric in metrics)
+    assert not any("\u202e" in str(metric) or "\x1b" in str(metric) for metric in metrics)
     for family in families(snapshot):
         assert family.documentation and family.name.startswith("uros_")
 
 
-def test_boards_beyond_a_number_are_one_series(monkeypatch):
+def test_boards_over_the_limit_share_one_series(monkeypatch):
     monkeypatch.setattr(module, "MAX_SERIES", 2)
     with measured() as running:
         for key in (1, 2, 3, 4):
             board(running, key, writes=key)
-        found = samples(get(running)[0])
-        seen = running.snapshot()
+        metrics = samples(get(running)[0])
+        snapshot = running.snapshot()
     name = "uros_client_received_messages_total"
-    keys = [dict(it[1:])["key"] for it in found if it[0] == name]
+    keys = [dict(metric[1:])["key"] for metric in metrics if metric[0] == name]
     assert keys == ["0x00000001", "0x00000002", "other"]
-    rest = sum(it["received"]["messages"] for it in seen["clients"][2:])
-    assert value(found, name, key="other") == rest
-    assert value(found, "uros_clients") == 4
+    rest = sum(metric["received"]["messages"] for metric in snapshot["clients"][2:])
+    assert value_of(metrics, name, key="other") == rest
+    assert value_of(metrics, "uros_clients") == 4
 
 
 # --- askers that are slow, mad or many ------------------------------------------------------
@@ -183,7 +186,7 @@ def test_other_paths_and_methods():
         assert "internal error" not in running.said.getvalue()
 
 
-def test_an_agent_that_hangs_is_503_and_then_well_again(monkeypatch):
+def test_an_agent_that_hangs_answers_503_until_it_goes_on(monkeypatch):
     monkeypatch.setattr(module, "PATIENCE", 0.1)
     with measured() as running:
         go_on, hangs = threading.Event(), threading.Event()
@@ -194,26 +197,26 @@ def test_an_agent_that_hangs_is_503_and_then_well_again(monkeypatch):
 
         running.server.soon(hang)
         assert hangs.wait(SECONDS)
-        code, said = status(running)
-        assert code == 503 and "the agent is busy" in said
+        code, body = status(running)
+        assert code == 503 and "the agent is busy" in body
         go_on.set()
         monkeypatch.setattr(module, "PATIENCE", SECONDS)
         assert "uros_clients 0.0" in get(running)[0]
 
 
-@pytest.mark.parametrize("said", [b"", b"GET /met"])
-def test_connections_that_ask_nothing_hold_up_nobody(said):
-    """As many as there are threads, and as many as there are places, and more."""
+@pytest.mark.parametrize("opened_count", [b"", b"GET /met"])
+def test_connections_without_a_request_delay_no_scrape(opened_count):
+    """Test as many connections as threads, as many as places, and more."""
     with measured() as running:
-        held = []
+        connections = []
         for count in (module.MAX_SCRAPES, 2 * http_server.MAX_CONNECTIONS):
-            while len(held) < count:
-                held.append(socket.create_connection(("127.0.0.1", running.metrics.port)))
-                held[-1].sendall(said)
+            while len(connections) < count:
+                connections.append(socket.create_connection(("127.0.0.1", running.metrics.port)))
+                connections[-1].sendall(opened_count)
             assert "uros_clients 0.0" in get(running)[0]
         assert running.metrics._http.connections <= http_server.MAX_CONNECTIONS
         assert board(running).ping() == 1
-        for sock in held:
+        for sock in connections:
             sock.close()
 
 
@@ -223,17 +226,17 @@ def test_scrapes_of_an_agent_that_hangs_wait_for_threads_and_are_all_answered(mo
         go_on, hangs = threading.Event(), threading.Event()
         running.server.soon(lambda: hangs.set() or go_on.wait(SECONDS))
         assert hangs.wait(SECONDS)
-        held = [
+        connections = [
             socket.create_connection(("127.0.0.1", running.metrics.port))
             for _ in range(3 * module.MAX_SCRAPES)
         ]
-        for sock in held:
+        for sock in connections:
             sock.sendall(b"GET / HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n")
         server = running.metrics._http
         eventually(lambda: len(server._queue) == 2 * module.MAX_SCRAPES)
         assert len(server._answering) == module.MAX_SCRAPES
         go_on.set()
-        for sock in held:
+        for sock in connections:
             sock.settimeout(SECONDS)
             assert sock.recv(65536).startswith(b"HTTP/1.1 200 ")
             sock.close()
@@ -247,7 +250,7 @@ def test_scrapes_of_an_agent_that_hangs_wait_for_threads_and_are_all_answered(mo
         ("127.0.0.1.evil.example", 403), ("[x", 403),
     ],
 )  # fmt: skip
-def test_a_page_of_a_stranger_whose_name_leads_here_reads_nothing(host, code):
+def test_a_request_with_a_foreign_host_name_is_refused(host, code):
     with measured() as running:
         if code == 200:
             assert "uros_clients 0.0" in get(running, Host=host)[0]
@@ -258,8 +261,8 @@ def test_a_page_of_a_stranger_whose_name_leads_here_reads_nothing(host, code):
                 assert error.code == code and b"--metrics NAME:PORT" in error.read()
 
 
-def test_the_name_that_it_was_given_is_its_own(monkeypatch):
-    """As in a container, where the service's name leads to it."""
+def test_a_request_with_the_configured_host_name_is_answered(monkeypatch):
+    """In a container, the name of the service leads to it."""
     real = http_server._listen
     monkeypatch.setattr(http_server, "_listen", lambda host, port: real("127.0.0.1", port))
     with measured(host="Agent.Hall") as running:
@@ -269,14 +272,14 @@ def test_the_name_that_it_was_given_is_its_own(monkeypatch):
         caught.value.close()
 
 
-def test_a_fault_of_ours_in_a_scrape_is_told(monkeypatch):
+def test_an_internal_error_in_a_scrape_is_logged(monkeypatch):
     with measured() as running:
         monkeypatch.setattr(module, "_page", lambda *_: 1 / 0)
         with pytest.raises(OSError):
             get(running)
         wait_for(running.said.getvalue, "internal error")
         assert "ZeroDivisionError" in running.said.getvalue()
-        running.said.truncate(0)  # serving() finds no fault then
+        running.said.truncate(0)  # serving() checks that the log has no fault
 
 
 # --- opening it -------------------------------------------------------------------------------
@@ -287,7 +290,7 @@ def test_an_address_of_ipv6():
         assert "uros_clients 0.0" in get(running)[0]
 
 
-def test_the_agent_tells_its_port_and_a_second_on_it_says_what_to_do():
+def test_the_port_is_logged_and_a_second_agent_on_it_names_the_remedy():
     with process("udp4", "-p", 0, "-m", "memory", "--metrics", 0) as first:
         port = int(first.until(r"Metrics .*port: (\d+), http://127\.0\.0\.1:\d+/metrics")[1])
         url = f"http://127.0.0.1:{port}/metrics"
@@ -308,7 +311,7 @@ def test_the_agent_tells_its_port_and_a_second_on_it_says_what_to_do():
     "host, why",
     [("192.0.2.1", "this machine has no address"), ("no.such.host.invalid", "there is no host")],
 )
-def test_an_address_that_cannot_be(host, why):
+def test_an_invalid_address_is_refused(host, why):
     metrics = Metrics(host, 0)
     with pytest.raises(TransportError, match=why):
         metrics.open(None)
@@ -321,12 +324,12 @@ def test_without_the_library_the_error_says_what_to_install(monkeypatch):
         Metrics("127.0.0.1", 0).open(None)
 
 
-def test_nothing_is_left_in_the_library_s_own_registry():
-    """Who uses the agent in a program of his own may have metrics of his own."""
+def test_the_registry_of_the_library_is_not_used():
+    """A program that embeds the agent may have metrics of its own."""
     with measured() as running:
         get(running)
         get(running)
     from prometheus_client import REGISTRY
 
     assert isinstance(REGISTRY, CollectorRegistry)
-    assert not any(it.startswith("uros_") for it in REGISTRY._names_to_collectors)
+    assert not any(name.startswith("uros_") for name in REGISTRY._names_to_collectors)

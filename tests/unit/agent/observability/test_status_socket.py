@@ -44,32 +44,37 @@ def connect(running):
     return sock
 
 
-def here(running):
-    """It, as tools find it."""
+def own_agent(running):
+    """Return the agent's entry as tools find it."""
     return tool.RunningAgent(os.getpid(), running.status_socket.path)
 
 
 def ours():
-    """What is found of this process: others may have agents on this machine."""
-    return [it for it in find_agents() if it.pid == os.getpid()]
+    """Return the agents of this process: other processes may run agents on this machine."""
+    return [agent for agent in find_agents() if agent.pid == os.getpid()]
 
 
 def line_of(sock):
-    found = b""
-    while not found.endswith(b"\n"):
+    line = b""
+    while not line.endswith(b"\n"):
         chunk = sock.recv(1)
-        assert chunk, f"it was cut off after {found!r}"
-        found += chunk
-    return json.loads(found)
+        assert chunk, f"it was cut off after {line!r}"
+        line += chunk
+    return json.loads(line)
 
 
 def tracing(running, count=1):
-    """So many watch now."""
-    eventually(lambda: sum(it.tracing for it in list(running.status_socket._connections)) == count)
+    """Wait until so many connections trace messages."""
+    eventually(
+        lambda: (
+            sum(connection.tracing for connection in list(running.status_socket._connections))
+            == count
+        )
+    )
 
 
 def served(running, key=0x51):
-    """A board gets its answer."""
+    """Test that a board gets an answer."""
     client = XrceClient(running.line(), key)
     assert client.open() == ids.STATUS_OK
     assert client.ping() == 1
@@ -79,14 +84,14 @@ def served(running, key=0x51):
 # --- finding it ---------------------------------------------------------------------
 
 
-def test_an_agent_is_found_and_asked_and_gone_when_it_ends():
+def test_an_agent_is_found_queried_and_no_longer_found_after_its_end():
     assert ours() == []
     with inspected() as running:
         assert len(ours()) == 1
         served(running, 0x1234)
         answer = ask(find_agent(os.getpid()), "status")
         assert answer["pid"] == os.getpid()
-        assert [it["key"] for it in answer["clients"]] == ["0x00001234"]
+        assert [client["key"] for client in answer["clients"]] == ["0x00001234"]
         path = running.status_socket.path
         assert stat.S_IMODE(os.stat(path).st_mode) == 0o600
         assert stat.S_IMODE(os.stat(path.parent).st_mode) == 0o700
@@ -95,7 +100,7 @@ def test_an_agent_is_found_and_asked_and_gone_when_it_ends():
     assert ours() == [] and os.listdir(path.parent) == []
 
 
-def test_without_a_runtime_folder_it_is_in_tmp(monkeypatch, tmp_path):
+def test_without_a_runtime_folder_the_socket_is_in_tmp(monkeypatch, tmp_path):
     inside = tmp_path / "uros"
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     own = folders()[-1]
@@ -105,11 +110,13 @@ def test_without_a_runtime_folder_it_is_in_tmp(monkeypatch, tmp_path):
     monkeypatch.delenv("XDG_RUNTIME_DIR")
     assert folders() == [own]
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    monkeypatch.setattr(os, "getuid", lambda: 12345)  # after sudo -E, it is another's
-    assert [str(it) for it in folders()] == ["/tmp/uros-12345"]
+    monkeypatch.setattr(
+        os, "getuid", lambda: 12345
+    )  # after sudo -E, the folder belongs to another user
+    assert [str(folder) for folder in folders()] == ["/tmp/uros-12345"]
 
 
-def test_what_ended_agents_have_left_is_removed_and_not_found(tmp_path):
+def test_sockets_of_ended_agents_are_removed_and_not_found(tmp_path):
     folder = tmp_path / "uros"
     folder.mkdir(mode=0o700)
     for name in ("agent-999999.sock", "agent-999998.sock.new", f"agent-{os.getpid()}.sock"):
@@ -134,7 +141,7 @@ def test_the_socket_of_another_agent_that_runs_stays(tmp_path):
             assert sorted(sockets(folder)) == [1, os.getpid()]
 
 
-def test_a_folder_that_others_may_enter_is_closed_to_them(tmp_path):
+def test_access_of_others_to_the_folder_is_removed(tmp_path):
     folder = tmp_path / "uros"
     folder.mkdir(mode=0o755)
     os.chmod(folder, 0o777)
@@ -144,14 +151,14 @@ def test_a_folder_that_others_may_enter_is_closed_to_them(tmp_path):
 
 
 def trouble(folder):
-    """What an agent warns of that cannot have its socket there; boards are served."""
+    """Return the log of an agent that cannot open its socket there; boards are served."""
     with inspected(folder) as running:
         served(running)
         assert running.status_socket.path is None
         return running.said.getvalue()
 
 
-def test_a_folder_that_cannot_be_had_is_a_warning(tmp_path):
+def test_a_folder_that_cannot_be_created_is_a_warning(tmp_path):
     (tmp_path / "file").write_text("")
     (tmp_path / "real").mkdir()
     (tmp_path / "link").symlink_to(tmp_path / "real")
@@ -161,15 +168,15 @@ def test_a_folder_that_cannot_be_had_is_a_warning(tmp_path):
         (tmp_path / "link", "is not a directory: remove it"),
         (tmp_path / ("x" * 120), "too long"),
     ):
-        said = trouble(folder)
-        (warning,) = [it for it in said.splitlines() if "warning" in it]
+        log = trouble(folder)
+        (warning,) = [line for line in log.splitlines() if "warning" in line]
         assert "no status socket" in warning and why in warning, warning
         assert "'uros agent status' will not find this agent; set XDG_RUNTIME_DIR" in warning
     assert os.listdir(tmp_path / "real") == []
 
 
-def test_a_folder_of_somebody_else_is_not_used(tmp_path, monkeypatch):
-    """As a user plants it in /tmp."""
+def test_a_folder_of_another_user_is_not_used(tmp_path, monkeypatch):
+    """Another user may have created the folder in /tmp."""
     folder = tmp_path / "uros"
     folder.mkdir(mode=0o700)
     monkeypatch.setattr(os, "getuid", lambda: 4711)
@@ -188,7 +195,7 @@ def test_a_system_without_unix_sockets(monkeypatch, tmp_path):
 # --- questions ----------------------------------------------------------------------
 
 
-def test_questions_are_answered_in_turn():
+def test_queries_are_answered_in_order():
     with inspected() as running, connect(running) as sock:
         deep = b"[" * (module.MAX_LINE - 1)
         sock.sendall(b'{"ask":"status"}\n\n{"ask":"weather"}\n' + deep + b'\n{"ask":')
@@ -199,8 +206,8 @@ def test_questions_are_answered_in_turn():
         assert line_of(sock)["version"] == 1
 
 
-def test_who_ends_his_questions_still_gets_the_answer():
-    """As with nc -U."""
+def test_a_peer_that_closes_its_sending_side_still_gets_the_answer():
+    """nc -U closes its sending side in this way."""
     with inspected() as running, connect(running) as sock:
         sock.sendall(b'{"ask":"status"}\n')
         sock.shutdown(socket.SHUT_WR)
@@ -209,7 +216,7 @@ def test_who_ends_his_questions_still_gets_the_answer():
 
 
 @pytest.fixture(scope="module")
-def one(tmp_path_factory):
+def shared_agent(tmp_path_factory):
     with inspected(tmp_path_factory.mktemp("one") / "uros") as running:
         yield running
 
@@ -225,8 +232,8 @@ def one(tmp_path_factory):
         ).map(b"".join),
     )
 )
-def test_whatever_is_asked_the_next_is_answered(one, data):
-    with connect(one) as sock:
+def test_a_valid_query_is_answered_after_any_invalid_one(shared_agent, data):
+    with connect(shared_agent) as sock:
         try:
             sock.sendall(data)
             sock.shutdown(socket.SHUT_WR)
@@ -235,12 +242,12 @@ def test_whatever_is_asked_the_next_is_answered(one, data):
                     break
         except (ConnectionError, TimeoutError):
             assert b'"trace"' in data or len(data) > module.MAX_LINE
-    assert ask(here(one), "status")["pid"] == os.getpid()
-    assert "internal error" not in one.said.getvalue()
+    assert ask(own_agent(shared_agent), "status")["pid"] == os.getpid()
+    assert "internal error" not in shared_agent.said.getvalue()
 
 
 @pytest.mark.parametrize("data", [b"x" * 100_000, b"\n" * 1000, b'{"ask":"status"}\n' * 1000])
-def test_a_connection_that_sends_nonsense_is_closed(data):
+def test_a_connection_that_sends_no_lines_is_closed(data):
     with inspected() as running, connect(running) as sock:
         try:
             sock.sendall(data)
@@ -250,20 +257,20 @@ def test_a_connection_that_sends_nonsense_is_closed(data):
             pass
         eventually(lambda: not running.status_socket._connections)
         served(running)
-        assert ask(here(running), "status")["version"] == 1
+        assert ask(own_agent(running), "status")["version"] == 1
 
 
-def test_connections_over_the_limit_are_refused_and_may_try_again():
+def test_connections_over_the_limit_are_refused_and_can_retry():
     with inspected() as running:
-        held = [connect(running) for _ in range(module.MAX_CONNECTIONS)]
-        held[-1].sendall(b'{"ask":"status"}\n')
-        assert line_of(held[-1])["version"] == 1
+        connections = [connect(running) for _ in range(module.MAX_CONNECTIONS)]
+        connections[-1].sendall(b'{"ask":"status"}\n')
+        assert line_of(connections[-1])["version"] == 1
         with pytest.raises(ToolError, match=f"over {module.MAX_CONNECTIONS} connections"):
-            ask(here(running), "status")
-        held.pop().close()
+            ask(own_agent(running), "status")
+        connections.pop().close()
         eventually(lambda: len(running.status_socket._connections) < module.MAX_CONNECTIONS)
-        assert ask(here(running), "status")["version"] == 1
-        for sock in held:
+        assert ask(own_agent(running), "status")["version"] == 1
+        for sock in connections:
             sock.close()
 
 
@@ -272,7 +279,7 @@ def test_connections_over_the_limit_are_refused_and_may_try_again():
 
 def large(running, count=300):
     """Boards with many endpoints, so that an answer is larger than any socket's buffer."""
-    clients = [served(running, 0x1000 + it) for it in range(3)]
+    clients = [served(running, 0x1000 + index) for index in range(3)]
     for client in clients:
         for number in range(count):
             client.writer("n", f"rt/{'x' * 150}{number}", TYPE)
@@ -295,7 +302,7 @@ def test_a_connection_that_does_not_read_costs_little_and_is_closed(monkeypatch)
             while running.status_socket._connections:
                 most = max(most, len(connection.out))
                 assert time.monotonic() < deadline
-                assert len(ask(here(running), "status")["clients"]) == 3
+                assert len(ask(own_agent(running), "status")["clients"]) == 3
             assert 0 < most < 200_000  # a chunk, and one client's part
         served(running)
 
@@ -303,42 +310,44 @@ def test_a_connection_that_does_not_read_costs_little_and_is_closed(monkeypatch)
 # --- messages that pass -------------------------------------------------------------
 
 
-def test_messages_that_pass_are_told_to_those_who_watch():
-    with inspected() as running, connect(running) as one, connect(running) as two:
-        for sock in (one, two):
+def test_messages_are_sent_to_watching_connections():
+    with inspected() as running, connect(running) as shared_agent, connect(running) as second:
+        for sock in (shared_agent, second):
             sock.sendall(b'{"ask":"trace"}\n')
         tracing(running, 2)
         served(running, 0xABCDEF)
-        for sock in (one, two):
-            told = [line_of(sock) for _ in range(4)]
-            assert [it["from"] for it in told] == ["client", "agent", "client", "agent"]
-            assert told[2]["key"] == "0x00ABCDEF" and told[2]["transport"] == "UDPv4Agent"
-            assert bytes.fromhex(told[2]["hex"])[0] == 0x81
-        one.sendall(b'{"ask":"status"}\n')
-        assert line_of(one)["version"] == 1
+        for sock in (shared_agent, second):
+            lines = [line_of(sock) for _ in range(4)]
+            assert [line["from"] for line in lines] == ["client", "agent", "client", "agent"]
+            assert lines[2]["key"] == "0x00ABCDEF" and lines[2]["transport"] == "UDPv4Agent"
+            assert bytes.fromhex(lines[2]["hex"])[0] == 0x81
+        shared_agent.sendall(b'{"ask":"status"}\n')
+        assert line_of(shared_agent)["version"] == 1
         assert len(running.agent.message_hooks) == 1
-        one.close()
-        two.close()
-        eventually(lambda: not running.agent.message_hooks)  # nobody watches: it costs nothing
+        shared_agent.close()
+        second.close()
+        eventually(
+            lambda: not running.agent.message_hooks
+        )  # without a watcher, messages are not formatted
         served(running, 2)
 
 
 def test_the_tools_stream():
     with inspected() as running:
-        lines = stream(here(running), "trace", PATIENCE)
+        lines = stream(own_agent(running), "trace", PATIENCE)
         client = None
-        got = []
-        thread = threading.Thread(target=lambda: got.append(next(lines)))
+        messages = []
+        thread = threading.Thread(target=lambda: messages.append(next(lines)))
         thread.start()
         tracing(running)
         client = served(running)
         thread.join(SECONDS)
-        assert b'"from": "client"' in got[0] or b'"from":"client"' in got[0]
+        assert b'"from": "client"' in messages[0] or b'"from":"client"' in messages[0]
         lines.close()
         assert client.ping() == 1
 
 
-def test_a_watcher_that_does_not_read_loses_messages_and_hears_how_many(monkeypatch):
+def test_a_watcher_that_does_not_read_gets_the_number_of_lost_messages(monkeypatch):
     monkeypatch.setattr(module, "MAX_EVENTS", 10)
     monkeypatch.setattr(module, "_CHUNK", 4096)
     with inspected() as running, connect(running) as sock:
@@ -358,7 +367,7 @@ def test_a_watcher_that_does_not_read_loses_messages_and_hears_how_many(monkeypa
             assert time.monotonic() < deadline
         assert len(connection.events) <= 10 and len(connection.out) < 3 * 4096
         lost = 0
-        # Once it reads again, it is told so with the first message behind the gap.
+        # Once it reads again, the first message behind the gap has the number of lost messages.
         while not lost:
             while select.select([sock], [], [], 0)[0]:
                 lost = line_of(sock).get("lost", 0)

@@ -1,4 +1,4 @@
-"""What tests of a transport share, whose module has an ``agent`` on it."""
+"""Fixtures for the modules of transports that define ``agent``."""
 
 import socket
 
@@ -14,7 +14,7 @@ def bystanders(agent):
 
 @pytest.fixture
 def raw(agent, bystanders):
-    """A bare connection of our own; the others still go on when we are through with it."""
+    """Yield a raw TCP connection; other clients must be served after it."""
     with socket.create_connection(("127.0.0.1", agent.transport.port), SECONDS) as sock:
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         yield sock

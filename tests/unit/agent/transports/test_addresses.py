@@ -1,4 +1,4 @@
-"""Which addresses this machine has, against what sockets say of them."""
+"""The addresses of this machine, compared with what sockets report."""
 
 import socket
 
@@ -26,39 +26,39 @@ def table(tmp_path, monkeypatch):
     return file
 
 
-def test_loopback_is_there():
+def test_loopback_is_listed():
     assert addresses.ipv4_by_interface()["lo"] == "127.0.0.1"
     assert addresses.ipv6_of("lo") == "::1"
 
 
-def test_every_address_is_one_that_can_be_bound():
-    found = addresses.ipv4_by_interface()
-    for ip in found.values():
+def test_every_listed_address_can_be_bound():
+    by_interface = addresses.ipv4_by_interface()
+    for ip in by_interface.values():
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
             sock.bind((ip, 0))
-    for name in found:
+    for name in by_interface:
         address = addresses.ipv6_of(name)
         if address is not None:
             with socket.socket(socket.AF_INET6, socket.SOCK_DGRAM) as sock:
                 sock.bind((address, 0))
 
 
-def test_the_lasting_address_of_an_interface_is_told(table):
+def test_the_permanent_address_of_an_interface_is_listed(table):
     assert addresses.ipv6_of("eth0") == "2001:db8::2"
 
 
-def test_one_that_will_change_soon_is_better_than_none(table):
+def test_a_temporary_address_is_listed_if_there_is_no_other(table):
     assert addresses.ipv6_of("wlan1") == "2001:db8::9"
 
 
-def test_an_address_of_the_link_is_none_to_others(table):
+def test_a_link_local_address_is_not_listed(table):
     assert addresses.ipv6_of("wlan0") is None
     assert addresses.ipv6_of("eth9") is None
 
 
 def test_a_machine_without_ipv6(tmp_path, monkeypatch):
     monkeypatch.setattr(addresses, "_IF_INET6", str(tmp_path / "none"))
-    monkeypatch.setattr(addresses, "_FAR_AWAY", ("fe80::1", 9))  # there is no way to it
+    monkeypatch.setattr(addresses, "_FAR_AWAY", ("fe80::1", 9))  # there is no route to it
     assert addresses.ipv6_of("lo") is None
     assert addresses.ipv6_of(None) is None
 
@@ -68,17 +68,17 @@ def test_the_interface_towards_the_internet(monkeypatch):
     assert addresses.ipv6_of(None) == "::1"
 
 
-def test_the_own_address_towards_somebody():
+def test_the_own_address_towards_a_peer():
     assert addresses.own_address(("127.0.0.1", 9)) == "127.0.0.1"
     assert addresses.own_address(("::1", 9)) == "::1"
     assert addresses.own_address(("255.255.255.255", 9)) is None
 
 
 @pytest.mark.parametrize("address", ["fe80::1", "fe80::1%eth0", "febf::"])
-def test_what_is_good_on_a_link_only(address):
+def test_addresses_that_are_valid_on_a_link_only(address):
     assert addresses.is_link_local(address)
 
 
 @pytest.mark.parametrize("address", ["192.168.0.1", "fec0::1", "fd00::2", "::1", "2001:fe80::1"])
-def test_what_is_good_elsewhere(address):
+def test_addresses_that_are_valid_beyond_a_link(address):
     assert not addresses.is_link_local(address)

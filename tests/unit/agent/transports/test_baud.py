@@ -36,7 +36,7 @@ def line():
 
 
 def rates(fd):
-    """What the kernel says: in and out."""
+    """Return the kernel's input and output rate."""
     flags = module._TERMIOS2.unpack(module.fcntl.ioctl(fd, module._TCGETS2, bytes(44)))
     return flags[5], flags[6]
 
@@ -63,10 +63,10 @@ def test_any_other_rate_and_back(line, rate):
 
 
 @on_linux
-def test_an_input_rate_of_its_own_does_not_stay(line):
+def test_an_earlier_separate_input_rate_is_replaced(line):
     flags = list(module._TERMIOS2.unpack(module.fcntl.ioctl(line, module._TCGETS2, bytes(44))))
-    both = module._BOTHER | module._BOTHER << module._IBSHIFT
-    flags[2] = flags[2] & ~(module._CBAUD | module._CBAUD << module._IBSHIFT) | both
+    custom_both = module._BOTHER | module._BOTHER << module._IBSHIFT
+    flags[2] = flags[2] & ~(module._CBAUD | module._CBAUD << module._IBSHIFT) | custom_both
     flags[5] = flags[6] = 4321
     module.fcntl.ioctl(line, module._TCSETS2, module._TERMIOS2.pack(*flags))
     set_baud_rate(line, 57600)
@@ -76,7 +76,7 @@ def test_an_input_rate_of_its_own_does_not_stay(line):
 @on_linux
 @settings(max_examples=examples(100))
 @given(st.integers())
-def test_every_number_is_a_rate_or_refused(rate):
+def test_every_number_is_set_as_a_rate_or_refused(rate):
     if 0 < rate <= MAX_BAUD or rate in BAUD_RATES:
         assert check_baud_rate(rate) == rate
     else:
@@ -84,7 +84,7 @@ def test_every_number_is_a_rate_or_refused(rate):
             check_baud_rate(rate)
 
 
-def test_a_machine_of_another_layout_names_the_rates_there_are(monkeypatch):
+def test_a_machine_of_another_layout_lists_its_rates(monkeypatch):
     monkeypatch.setattr(module, "_PLATFORM", "linux")
     monkeypatch.setattr(module.os, "uname", lambda: os.uname_result(("Linux", "", "", "", "mips")))
     with pytest.raises(TransportError) as caught:
@@ -110,7 +110,7 @@ class Kernel:
 
 
 @pytest.mark.parametrize(("took", "fine"), [(250_000, True), (256_000, True), (115_200, False)])
-def test_a_driver_that_takes_another_rate(line, monkeypatch, took, fine):
+def test_a_driver_that_sets_another_rate(line, monkeypatch, took, fine):
     monkeypatch.setattr(module, "_way", lambda: "termios2")
     monkeypatch.setattr(module.fcntl, "ioctl", Kernel(took))
     if fine:
@@ -131,7 +131,7 @@ def test_a_driver_that_refuses(line, monkeypatch, way):
         set_baud_rate(line, 250_000)
 
 
-def test_what_macos_is_asked_for(line, monkeypatch):
+def test_the_calls_on_macos(line, monkeypatch):
     kernel = Kernel()
     monkeypatch.setattr(module, "_PLATFORM", "darwin")
     monkeypatch.setattr(module.fcntl, "ioctl", kernel)
@@ -140,9 +140,11 @@ def test_what_macos_is_asked_for(line, monkeypatch):
 
 
 def test_a_system_whose_constants_are_the_rates(line, monkeypatch):
-    asked = []
+    calls = []
     monkeypatch.setattr(module, "_PLATFORM", "freebsd14")
     monkeypatch.setattr(module, "BAUD_RATES", {115200: 115200})
-    monkeypatch.setattr(module.termios, "tcsetattr", lambda fd, when, them: asked.append(them))
+    monkeypatch.setattr(
+        module.termios, "tcsetattr", lambda fd, when, attributes: calls.append(attributes)
+    )
     set_baud_rate(line, check_baud_rate(250_000))
-    assert asked[0][4] == asked[0][5] == 250_000
+    assert calls[0][4] == calls[0][5] == 250_000

@@ -24,12 +24,12 @@ def authority(tmp_path_factory):
 
 @pytest.fixture
 def files(authority, tmp_path):
-    """(certificate, key), which a test may spoil."""
-    there = []
+    """Return (certificate, key), which a test may damage."""
+    paths = []
     for path, name in zip(authority.agent(), ("agent.pem", "agent.key"), strict=True):
         (tmp_path / name).write_bytes(Path(path).read_bytes())
-        there.append(tmp_path / name)
-    return there
+        paths.append(tmp_path / name)
+    return paths
 
 
 def refused(cert, key, ca=None):
@@ -38,29 +38,29 @@ def refused(cert, key, ca=None):
     return caught.value.strerror
 
 
-def test_sound_files(files, authority):
+def test_valid_files(files, authority):
     for ca in (None, authority.ca):
-        made = Certificates(str(files[0]), str(files[1]), ca)
-        context = made.context()
-        assert made.doubt() == ""
+        certificates = Certificates(str(files[0]), str(files[1]), ca)
+        context = certificates.context()
+        assert certificates.doubt() == ""
         assert context.minimum_version == ssl.TLSVersion.TLSv1_2
         assert context.verify_mode == (ssl.CERT_NONE if ca is None else ssl.CERT_REQUIRED)
 
 
 @pytest.mark.parametrize("option", ["--tls-cert", "--tls-key", "--tls-ca"])
-def test_a_file_that_is_not_there_or_no_file(files, tmp_path, option):
-    given = {"--tls-cert": files[0], "--tls-key": files[1], "--tls-ca": files[0]}
+def test_a_missing_file_and_a_folder_are_refused(files, tmp_path, option):
+    files_by_option = {"--tls-cert": files[0], "--tls-key": files[1], "--tls-ca": files[0]}
     for path, why in (
         (tmp_path / "none", "No such file or directory: correct the name"),
         (tmp_path, "Is a directory"),
         ("a\0b", "null"),
     ):
-        said = refused(*{**given, option: path}.values())
-        assert said.startswith(f"{option} {path} cannot be read: ") and why in said
+        message = refused(*{**files_by_option, option: path}.values())
+        assert message.startswith(f"{option} {path} cannot be read: ") and why in message
 
 
-def test_a_file_that_one_may_not_read(files, monkeypatch):
-    """As root, everything can be read."""
+def test_a_file_without_read_permission(files, monkeypatch):
+    """root can read every file."""
     real = open
 
     def denied(path, *rest):
@@ -77,48 +77,48 @@ def test_an_endless_file(files):
 
 
 @pytest.mark.parametrize("text", [b"", b"hello", b"\xff\xfe\x80", b"0\x82\x01\x0a\x02"])
-def test_what_is_no_certificate_or_key(files, tmp_path, text):
-    other = tmp_path / "other"
-    other.write_bytes(text)
-    assert f"--tls-cert {other} holds no valid certificate" in refused(other, files[1])
-    assert "openssl x509 -inform DER" in refused(other, files[1])
-    assert f"--tls-key {other} holds no private key" in refused(files[0], other)
-    assert f"--tls-ca {other} holds no valid certificate" in refused(*files, other)
+def test_content_that_is_no_certificate_or_key_is_refused(files, tmp_path, text):
+    other_file = tmp_path / "other"
+    other_file.write_bytes(text)
+    assert f"--tls-cert {other_file} holds no valid certificate" in refused(other_file, files[1])
+    assert "openssl x509 -inform DER" in refused(other_file, files[1])
+    assert f"--tls-key {other_file} holds no private key" in refused(files[0], other_file)
+    assert f"--tls-ca {other_file} holds no valid certificate" in refused(*files, other_file)
 
 
-def test_a_certificate_in_the_place_of_the_key_and_the_other_way_round(files):
+def test_certificate_and_key_that_are_swapped(files):
     cert, key = files
     assert f"--tls-key {cert} holds no private key" in refused(cert, cert)
     assert f"--tls-cert {key} holds no valid certificate" in refused(key, key)
     assert f"--tls-ca {key} holds no valid certificate" in refused(cert, key, key)
 
 
-def test_spoilt_ones(files):
+def test_damaged_certificate_and_key(files):
     cert, key = files
-    for path, said in ((cert, "holds no valid certificate"), (key, "holds a key that cannot")):
+    for path, message in ((cert, "holds no valid certificate"), (key, "holds a key that cannot")):
         text = path.read_text()
         lines = text.splitlines()
         path.write_text("\n".join([lines[0], "A" * 64, *lines[2:]]))
-        assert said in refused(cert, key)
+        assert message in refused(cert, key)
         path.write_text(text)
 
 
-def test_words_around_a_certificate_do_no_harm(files):
+def test_text_around_a_certificate_is_ignored(files):
     cert, key = files
     cert.write_bytes("Issuer: Müller\n".encode() + cert.read_bytes())
-    made = Certificates(str(cert), str(key), str(cert))
-    assert made.doubt() == ""
+    certificates = Certificates(str(cert), str(key), str(cert))
+    assert certificates.doubt() == ""
 
 
 def test_a_key_of_another_certificate(authority, files):
-    other = authority.issue("other")[1]
-    assert f"--tls-key {other} does not belong to the certificate {files[0]}" in refused(
-        files[0], other
+    other_key = authority.issue("other")[1]
+    assert f"--tls-key {other_key} does not belong to the certificate {files[0]}" in refused(
+        files[0], other_key
     )
 
 
 @pytest.mark.parametrize("form", [["pkcs8", "-topk8", "-v2", "aes256"], ["ec", "-aes256"]])
-def test_an_encrypted_key_is_refused_and_nobody_asked(files, tmp_path, form):
+def test_an_encrypted_key_is_refused_without_a_prompt(files, tmp_path, form):
     locked = tmp_path / "locked.key"
     subprocess.run(
         ["openssl", *form, "-in", files[1], "-out", locked, "-passout", "pass:secret"],
@@ -134,11 +134,11 @@ def test_a_key_that_is_too_short(tmp_path):
         ["openssl", "req", "-x509", "-newkey", "rsa:1024", "-nodes", "-subj", "/CN=old",
          "-out", cert, "-keyout", key], check=True, capture_output=True,
     )  # fmt: skip
-    said = refused(cert, key)
-    assert "is too weak (ee key too small): make a new one" in said
+    message = refused(cert, key)
+    assert "is too weak (ee key too small): make a new one" in message
 
 
-def test_doubts_about_dates(authority, tmp_path):
+def test_warnings_about_dates(authority, tmp_path):
     day = datetime.timedelta(days=1)
     now = datetime.datetime.now(datetime.timezone.utc)
     old = Authority(tmp_path).agent(not_after=now - day)
@@ -149,41 +149,41 @@ def test_doubts_about_dates(authority, tmp_path):
 
 def test_files_that_change(authority, files):
     cert, key = files
-    made = Certificates(str(cert), str(key))
-    first = made.context()
-    assert made.context() is first
+    certificates = Certificates(str(cert), str(key))
+    first = certificates.context()
+    assert certificates.context() is first
     cert.write_text("half a certifi")
     with pytest.raises(TransportError):
-        made.context()
-    assert made.context() is first  # told once, and it goes on
-    for path, other in zip(files, authority.issue("new"), strict=True):
-        path.write_bytes(Path(other).read_bytes())
-    assert made.context() is not first
+        certificates.context()
+    assert certificates.context() is first  # reported once; the former certificate stays in use
+    for path, new_file in zip(files, authority.issue("new"), strict=True):
+        path.write_bytes(Path(new_file).read_bytes())
+    assert certificates.context() is not first
     os.unlink(cert)
     with pytest.raises(TransportError):
-        made.context()
-    assert made.context() is made.context()
+        certificates.context()
+    assert certificates.context() is certificates.context()
 
 
 @settings(max_examples=examples(60), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
-def test_whatever_a_file_holds_it_is_used_or_refused(files, data):
+def test_any_file_content_is_used_or_refused(files, data):
     pieces = st.sampled_from(
         [b"-----BEGIN CERTIFICATE-----\n", b"-----END CERTIFICATE-----\n",
          b"-----BEGIN PRIVATE KEY-----\n", b"-----END PRIVATE KEY-----\n",
          b"-----BEGIN ENCRYPTED PRIVATE KEY-----\n", b"Proc-Type: 4,ENCRYPTED\n\n",
-         *(it.read_bytes() for it in files)],
+         *(file.read_bytes() for file in files)],
     )  # fmt: skip
-    made = st.lists(st.one_of(pieces, st.binary(max_size=40)), max_size=6).map(b"".join)
+    contents = st.lists(st.one_of(pieces, st.binary(max_size=40)), max_size=6).map(b"".join)
     paths = []
-    for number, it in enumerate(files):
-        path = it.with_suffix(f".{number}")
-        path.write_bytes(data.draw(st.one_of(st.just(it.read_bytes()), made)))
+    for number, file in enumerate(files):
+        path = file.with_suffix(f".{number}")
+        path.write_bytes(data.draw(st.one_of(st.just(file.read_bytes()), contents)))
         paths.append(str(path))
     ca = data.draw(st.sampled_from([None, paths[0], paths[1]]))
     try:
-        made = Certificates(*paths, ca)
+        contents = Certificates(*paths, ca)
     except TransportError as error:
         assert error.strerror.startswith("--tls-")
     else:
-        made.doubt()
+        contents.doubt()

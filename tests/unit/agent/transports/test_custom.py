@@ -1,4 +1,4 @@
-"""Custom transports at the agent's end: users' code that waits, fails and lies; the docs' own."""
+"""Custom transports: users' code that blocks, fails or returns wrong types; the docs' examples."""
 
 import os
 import queue
@@ -37,7 +37,7 @@ def framed(payload, source=1, destination=0):
 
 
 class Scripted(CustomTransport):
-    """``items`` are what read gives: what is an exception is raised, what can be called is."""
+    """read() returns ``items`` in order; exceptions are raised and functions are called."""
 
     def __init__(self):
         self.items = queue.Queue()
@@ -54,14 +54,14 @@ class Scripted(CustomTransport):
     def read(self, timeout):
         assert timeout == worker.POLL
         try:
-            it = self.items.get(timeout=timeout)
+            item = self.items.get(timeout=timeout)
         except queue.Empty:
             return None
-        if callable(it) and not isinstance(it, type):
-            it = it()
-        if isinstance(it, BaseException):
-            raise it
-        return it
+        if callable(item) and not isinstance(item, type):
+            item = item()
+        if isinstance(item, BaseException):
+            raise item
+        return item
 
     def write(self, data, peer):
         assert type(data) is bytes
@@ -70,7 +70,7 @@ class Scripted(CustomTransport):
 
 @contextmanager
 def agent_with(line):
-    """An agent on a custom line and on UDP, where others notice nothing."""
+    """Run an agent on a custom line and on UDP; clients on UDP must not be affected."""
     running = RunningAgent("udp", "memory", 0, 4)
     running.custom = CustomServer(line)
     running.server.transports.append(running.custom)
@@ -84,7 +84,7 @@ def quick(monkeypatch):
 
 
 def answered(line, data=PING, peer=None):
-    """The agent still takes messages from this line, and answers to where they came from."""
+    """Test that the agent answers a message of this line to its source."""
     while not line.written.empty():
         line.written.get()
     line.items.put(data if peer is None else (data, peer))
@@ -93,7 +93,7 @@ def answered(line, data=PING, peer=None):
 
 
 class Mute(BaseException):
-    """Whoever asks what it is, or whether it is, has trouble."""
+    """An exception whose text and truth value cannot be computed."""
 
     def __str__(self):
         raise SystemExit
@@ -105,7 +105,7 @@ class Odd:
     def __hash__(self):
         return 1
 
-    def __eq__(self, other):
+    def __eq__(self, other_object):
         raise ValueError("equal?")
 
 
@@ -126,7 +126,7 @@ def test_one_board_and_boards_with_names():
 
 
 @pytest.mark.parametrize(
-    ("wrong", "said"),
+    ("wrong", "message"),
     [
         ("text", "Scripted .*TypeError: read.. returned str, not bytes"),
         (3, "returned int"),
@@ -144,20 +144,20 @@ def test_one_board_and_boards_with_names():
     ],
     ids=str,
 )
-def test_what_is_wrong_with_it_closes_and_opens_the_line_again(wrong, said):
+def test_a_wrong_return_value_of_read_closes_and_reopens_the_line(wrong, message):
     line = Scripted()
     with agent_with(line) as agent:
-        others = Bystanders(agent)
+        bystanders = Bystanders(agent)
         line.items.put(wrong)
         wait_for(agent.said.getvalue, "the transport failed")
         answered(line)
-        others.check()
-        assert re.search(said, agent.said.getvalue()), agent.said.getvalue()
+        bystanders.check()
+        assert re.search(message, agent.said.getvalue()), agent.said.getvalue()
         assert "it is opened again in 0.01 s" in agent.said.getvalue()
     assert line.calls == ["open", "close"] * 2
 
 
-def test_messages_that_are_none(monkeypatch):
+def test_invalid_messages_are_dropped(monkeypatch):
     monkeypatch.setattr(module, "MAX_MESSAGE", 1000)
     line = Scripted()
     with agent_with(line) as agent:
@@ -185,7 +185,7 @@ def test_a_peer_that_cannot_be_shown(error):
 # --- calls that wait or fail ------------------------------------------------------------------
 
 
-def test_a_line_that_does_not_open_is_tried_less_and_less_often(monkeypatch):
+def test_a_line_that_does_not_open_is_retried_with_growing_pauses(monkeypatch):
     line, pauses = Scripted(), []
 
     def fail():
@@ -201,16 +201,16 @@ def test_a_line_that_does_not_open_is_tried_less_and_less_often(monkeypatch):
             wake_at(0, call)
 
         monkeypatch.setattr(agent.server, "wake_at", at_once)
-        others = Bystanders(agent)
+        bystanders = Bystanders(agent)
         wait_for(agent.said.getvalue, "opened again in 8 s", 2)
-        others.check()
+        bystanders.check()
         del line.open
         answered(line)
         line.items.put(OSError("again"))
         wait_for(agent.said.getvalue, "OSError: again")
         answered(line)
         assert "ConnectionError: no modem" in agent.said.getvalue()
-    waits = [it for it in pauses if it >= 0.01]
+    waits = [pause for pause in pauses if pause >= 0.01]
     assert max(waits) == 8.0 and waits[-1] == 0.01
 
 
@@ -244,7 +244,7 @@ def test_a_write_that_fails():
         assert line.calls[:3] == ["open", "close", "open"]
 
 
-def test_a_write_that_waits_holds_nobody_up_and_its_queue_has_an_end(monkeypatch):
+def test_a_write_that_blocks_delays_no_other_client_and_its_queue_is_bounded(monkeypatch):
     monkeypatch.setattr(worker, "MAX_UNSENT", 2000)
     line, go, inside = Scripted(), threading.Event(), threading.Event()
     write = line.write
@@ -256,34 +256,36 @@ def test_a_write_that_waits_holds_nobody_up_and_its_queue_has_an_end(monkeypatch
 
     line.write = wait
     with agent_with(line) as agent:
-        others = Bystanders(agent)
+        bystanders = Bystanders(agent)
         line.items.put(PING)
         assert inside.wait(SECONDS)
         for _ in range(100):
             line.items.put(PING)
-        line.items.put(bytes(1 << 16))  # too long; when that is said, all before it are handled
+        line.items.put(
+            bytes(1 << 16)
+        )  # too long; when it is logged, all messages before it are handled
         wait_for(agent.said.getvalue, "message refused")
         assert "message dropped" in agent.said.getvalue()
-        others.check()
+        bystanders.check()
         assert "write() is too slow" in agent.said.getvalue()
         go.set()
         answered(line)
         dropped = agent.custom.dropped
         assert 50 < dropped < 100
-        others.check()
+        bystanders.check()
 
 
-def test_a_write_that_waits_for_ever_is_ended_by_close(monkeypatch):
+def test_a_write_that_blocks_for_ever_is_ended_by_close(monkeypatch):
     monkeypatch.setattr(worker, "LEAVE", 0.1)
-    line, gone, inside = Scripted(), threading.Event(), threading.Event()
+    line, closed, inside = Scripted(), threading.Event(), threading.Event()
 
     def wait(data, peer):
         inside.set()
-        assert gone.wait(SECONDS)
+        assert closed.wait(SECONDS)
         raise OSError("closed")
 
     line.write = wait
-    line.close = lambda: (line.calls.append("close"), gone.set())
+    line.close = lambda: (line.calls.append("close"), closed.set())
     with agent_with(line) as agent:
         line.items.put(PING)
         assert inside.wait(SECONDS)
@@ -294,7 +296,7 @@ def test_a_write_that_waits_for_ever_is_ended_by_close(monkeypatch):
         assert line.calls == ["open", "close", "open"]
 
 
-def test_a_write_that_not_even_close_ends_is_told_about_and_never_doubled(monkeypatch):
+def test_a_write_that_close_does_not_end_is_logged_and_never_started_twice(monkeypatch):
     monkeypatch.setattr(worker, "LEAVE", 0.1)
     line, go, inside = Scripted(), threading.Event(), threading.Event()
 
@@ -317,7 +319,7 @@ def test_a_write_that_not_even_close_ends_is_told_about_and_never_doubled(monkey
         assert opened.is_set()
 
 
-def test_a_read_that_does_not_keep_its_timeout_does_not_keep_the_agent(monkeypatch):
+def test_a_read_that_exceeds_its_timeout_does_not_block_the_agent(monkeypatch):
     monkeypatch.setattr(worker, "LEAVE", 0.1)
     line, go, inside = Scripted(), threading.Event(), threading.Event()
 
@@ -333,7 +335,7 @@ def test_a_read_that_does_not_keep_its_timeout_does_not_keep_the_agent(monkeypat
     go.set()
 
 
-def test_a_read_that_gives_nothing_at_once_does_not_take_a_processor():
+def test_a_read_that_returns_nothing_at_once_does_not_spin():
     line, times = Scripted(), []
 
     def read(timeout):
@@ -355,12 +357,12 @@ def test_a_flood_waits_in_the_line_and_not_in_the_agent():
         return PING, reads[0] % 7
 
     with agent_with(line) as agent:
-        others = Bystanders(agent)
+        bystanders = Bystanders(agent)
         line.read = read
-        line.items.put((PING, 0))  # ends a call of the read that was there
+        line.items.put((PING, 0))  # ends a call of the replaced read
         eventually(lambda: reads[0] > 0)
         for _ in range(20):
-            others.check()
+            bystanders.check()
         assert len(agent.custom._worker._come) <= worker.MAX_WAITING + 1
     assert reads[0] > 100
 
@@ -381,8 +383,8 @@ def test_frames_of_boards_and_lines():
             line.items.put((data[20:], peer))
             answer, where = line.written.get(timeout=SECONDS)
             assert where == peer and framed(PING, 0, source)[:3] == answer[:3]
-        one, two = framed(PING, 1), framed(PING, 2)
-        line.items.put(one + two)  # each has its own source, in one piece
+        first, second = framed(PING, 1), framed(PING, 2)
+        line.items.put(first + second)  # each frame has its own source, in one piece
         assert [line.written.get(timeout=SECONDS)[0][2] for _ in range(2)] == [1, 2]
         assert "Scripted" in agent.said.getvalue()
 
@@ -395,20 +397,20 @@ def test_a_long_piece_of_a_stream():
         assert line.written.get(timeout=SECONDS)[0].startswith(b"\x7e\0\1")
 
 
-def test_a_stream_is_handled_in_small_pieces_whatever_read_gives():
-    given = bytes(range(256)) * 50
+def test_a_stream_is_handled_in_small_pieces_of_any_read():
+    stream_bytes = bytes(range(256)) * 50
     line = Scripted()
-    line.read = lambda _: (given, 7)
+    line.read = lambda _: (stream_bytes, 7)
     pieces = module._Checked(line, True)
     out = b""
-    while len(out) < len(given):
+    while len(out) < len(stream_bytes):
         data, peer = pieces.read(0.1)
         assert len(data) <= 4096 and peer == 7
         out += data
-    assert out == given
+    assert out == stream_bytes
 
 
-def test_peers_without_end(monkeypatch):
+def test_the_number_of_peers_is_limited(monkeypatch):
     monkeypatch.setattr(module, "MAX_PEERS", 4)
     line = ScriptedStream()
     with agent_with(line) as agent:
@@ -438,12 +440,12 @@ def test_any_stream(chunks):
 
 def test_sessions_outlive_a_failure():
     with running_agent("custom", "memory") as agent:
-        one = XrceClient(agent.line(), 7)
-        assert one.open() == ids.STATUS_OK
-        agent._custom.socket.close()  # under its feet
+        client = XrceClient(agent.line(), 7)
+        assert client.open() == ids.STATUS_OK
+        agent._custom.socket.close()  # while the line is in use
         wait_for(agent.said.getvalue, "the transport failed")
         wait_for(agent.said.getvalue, "running...", 2)
-        assert one.ping() == 1 and len(agent.agent.clients) == 1
+        assert client.ping() == 1 and len(agent.agent.clients) == 1
 
 
 # --- naming one -------------------------------------------------------------------------------
@@ -477,7 +479,7 @@ def test_a_class_by_its_module_and_by_its_file(folder):
 
 
 @pytest.mark.parametrize(
-    ("spec", "text", "said"),
+    ("spec", "text", "message"),
     [
         ("broken", "", "'broken' names no class: write MODULE:CLASS"),
         ("broken:", "", "names no class"),
@@ -500,22 +502,24 @@ def test_a_class_by_its_module_and_by_its_file(folder):
         ("broken:Line", "def Line(a): raise BaseException", r"Line\('a'\) raised BaseException"),
     ],
 )
-def test_what_is_wrong_with_a_name(folder, spec, text, said):
+def test_errors_in_a_name_are_explained(folder, spec, text, message):
     (folder / "broken.py").write_text(text)
     with pytest.raises(TransportError) as caught:
         load(spec, ["a"])
-    assert re.search(said, caught.value.strerror), caught.value.strerror
+    assert re.search(message, caught.value.strerror), caught.value.strerror
 
 
 @pytest.mark.parametrize("missing", ["open", "close", "read", "write"])
-def test_a_class_without_one_of_the_calls(missing):
-    calls = {it: lambda *_: None for it in ("open", "close", "read", "write") if it != missing}
+def test_a_class_without_a_required_method(missing):
+    calls = {
+        name: lambda *_: None for name in ("open", "close", "read", "write") if name != missing
+    }
     with pytest.raises(TransportError, match=rf"Modem has no {missing}\(\): a transport has"):
         CustomServer(type("Modem", (), calls)())
 
 
 @pytest.mark.parametrize("name", ["framed", "read"])
-def test_a_class_that_fails_when_it_is_looked_at(name):
+def test_a_class_whose_attributes_fail(name):
     def fail(self):
         raise ValueError("not yet")
 
@@ -524,7 +528,7 @@ def test_a_class_that_fails_when_it_is_looked_at(name):
         CustomServer(line)
 
 
-def test_the_base_class_says_what_is_missing():
+def test_the_base_class_names_the_missing_method():
     with agent_with(CustomTransport()) as agent:
         wait_for(agent.said.getvalue, "NotImplementedError")
 
@@ -533,7 +537,7 @@ def test_the_base_class_says_what_is_missing():
 
 
 def examples():
-    """The files of the page, by their names."""
+    """Return the files of the page by their names."""
     text = (ROOT / "docs" / "custom_transport.md").read_text("utf-8")
     blocks = re.findall(r"```python\n# (\w+\.py)\n(.*?)```", text, re.S)
     return dict(blocks)
@@ -551,8 +555,10 @@ def test_the_example_of_the_docs_works(folder):
                 env=os.environ | {"PYTHONPATH": str(ROOT / "src")},
             )  # fmt: skip
             try:
-                heard = [board.stdout.readline() for _ in range(3)]
-                assert all(re.fullmatch(r"heard \d+\n", it) for it in heard), agent.said.getvalue()
+                lines = [board.stdout.readline() for _ in range(3)]
+                assert all(re.fullmatch(r"heard \d+\n", line) for line in lines), (
+                    agent.said.getvalue()
+                )
             finally:
                 board.kill()
                 board.communicate()

@@ -1,5 +1,8 @@
-"""A real agent that is attacked until it should run out of memory or descriptors: it holds what it
-declared, the others are served, and afterwards all is as before."""
+"""Attacks on the memory and descriptors of a real agent.
+
+The agent stays within its declared limits, other clients are served, and resources are freed
+afterwards.
+"""
 
 import os
 import resource
@@ -41,11 +44,11 @@ pytestmark = pytest.mark.skipif(
 
 
 class Agent:
-    def __init__(self, it):
-        self.it = it
-        self.process = psutil.Process(it.popen.pid)
-        self.udp = int(it.until(r"UDPv4Agent .*port: (\d+)")[1])
-        self.tcp = int(it.until(r"TCPv4Agent .*port: (\d+)")[1])
+    def __init__(self, process):
+        self.agent_process = process
+        self.process = psutil.Process(process.popen.pid)
+        self.udp = int(process.until(r"UDPv4Agent .*port: (\d+)")[1])
+        self.tcp = int(process.until(r"TCPv4Agent .*port: (\d+)")[1])
         self.lines = []
         self.good = self.client(0x600D)
         self.writer = self.good.writer("good", "rt/good", TYPE)
@@ -57,12 +60,12 @@ class Agent:
     def client(self, key, kind=UdpLine, **more):
         line = kind(self.udp if kind is UdpLine else self.tcp)
         self.lines.append(line)
-        one = XrceClient(line, key, **more)
-        assert one.open() == ids.STATUS_OK
-        return one
+        xrce_client = XrceClient(line, key, **more)
+        assert xrce_client.open() == ids.STATUS_OK
+        return xrce_client
 
     def served(self):
-        """The one that means well has its samples, and soon: by the agent's own time, as the
+        """Test that the honest client gets its samples within a limited CPU time of the agent; the
         machine may be busy with something else."""
         before = sum(self.process.cpu_times()[:2])
         self.count += 1
@@ -71,7 +74,7 @@ class Agent:
         assert self.good.sample(self.reader) == sample
         assert self.good.ping() == 1
         assert sum(self.process.cpu_times()[:2]) - before < 3
-        assert self.it.popen.poll() is None
+        assert self.agent_process.popen.poll() is None
 
     def rss(self):
         return self.process.memory_info().rss
@@ -82,28 +85,32 @@ class Agent:
 
 @contextmanager
 def attacked(*options):
-    with process("udp4", "--port", "0", *options, "tcp4", "--port", "0", "-v", "4") as it:
-        one = Agent(it)
+    with process(
+        "udp4", "--port", "0", *options, "tcp4", "--port", "0", "-v", "4"
+    ) as agent_process:
+        agent = Agent(agent_process)
         try:
-            yield one
-            one.served()
-            # What it says is read, or it would be lost.
-            assert one.it.end() == 0
-            assert "internal error" not in one.it.text, one.it.text[-3000:]
-            assert "Traceback" not in one.it.text
+            yield agent
+            agent.served()
+            # The output is read, or it would be lost.
+            assert agent.agent_process.end() == 0
+            assert "internal error" not in agent.agent_process.text, agent.agent_process.text[
+                -3000:
+            ]
+            assert "Traceback" not in agent.agent_process.text
         finally:
-            for line in one.lines:
+            for line in agent.lines:
                 line.close()
 
 
 def flood(agent, datagrams, every=50):
-    """Send them all; now and then the one that means well is asked for."""
+    """Send all datagrams; now and then the honest client sends a ping."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         sock.connect(("127.0.0.1", agent.udp))
         for number, datagram in enumerate(datagrams):
             sock.send(datagram)
             if number % every == every - 1:
-                assert agent.good.ping() == 1  # and so the agent keeps up
+                assert agent.good.ping() == 1  # so the agent keeps up with the flood
 
 
 # --- memory -----------------------------------------------------------------------------------
@@ -115,12 +122,14 @@ def test_ten_thousand_half_open_sessions():
         flood(agent, (create_client(key, session_id=0x01) for key in range(1, 10_001)), 100)
         agent.served()
         assert agent.rss() - before < 64 * MB
-        late = agent.client(0x1A7E)  # newcomers find room, and those that made something stay
-        assert late.writer("late", "rt/late", TYPE)
+        late_client = agent.client(
+            0x1A7E
+        )  # new clients are admitted, and clients with objects stay
+        assert late_client.writer("late", "rt/late", TYPE)
 
 
-def test_fragments_that_never_end_of_two_hundred_clients():
-    """1.6 GB, were each given its 8 MiB."""
+def test_endless_fragments_of_two_hundred_clients():
+    """They would take 1.6 GB if each client got its 8 MiB."""
     with attacked("-m", "memory", "--max-memory", "32") as agent:
         before = agent.rss()
 
@@ -134,8 +143,8 @@ def test_fragments_that_never_end_of_two_hundred_clients():
         flood(agent, datagrams(), 10)
         agent.served()
         assert agent.rss() - before < 32 * MB + 48 * MB
-        agent.it.read()
-        assert "memory used up" in agent.it.text
+        agent.agent_process.read()
+        assert "memory used up" in agent.agent_process.text
 
 
 def test_early_messages_of_many_clients():
@@ -153,8 +162,8 @@ def test_early_messages_of_many_clients():
         assert agent.rss() - before < 32 * MB + 48 * MB
 
 
-def test_answers_and_objects_that_nobody_wants():
-    """Objects with long representations, and questions about them without an acknowledgement."""
+def test_answers_without_acknowledgement_and_large_objects():
+    """Objects with long representations, and GET_INFO about them without acknowledgement."""
     with attacked("-m", "memory", "--max-memory", "24", "--max-objects", "200") as agent:
         before = agent.rss()
         fat = "<types><struct name='a'/></types>" + " " * 30_000
@@ -163,9 +172,9 @@ def test_answers_and_objects_that_nobody_wants():
             for key in range(1, 61):
                 yield create_client(key, session_id=0x01, mtu=65507)
                 for number in range(30):
-                    # Acknowledged all the time, as only the statuses would be kept else.
-                    things = [create(oid(number, 10), ids.AS_XML, fat, 0)]
-                    yield message(things, 0x80, number, 0x01, key)
+                    # Acknowledged continually, as otherwise only the statuses would be kept.
+                    submessages = [create(oid(number, 10), ids.AS_XML, fat, 0)]
+                    yield message(submessages, 0x80, number, 0x01, key)
                     yield message([acknack(number)], 0, 0, 0x01, key)
 
         flood(agent, datagrams(), 10)
@@ -174,7 +183,7 @@ def test_answers_and_objects_that_nobody_wants():
 
 
 def test_slow_tcp_readers():
-    """They ask for samples and read none."""
+    """Clients request samples and read none."""
     with attacked("-m", "memory") as agent, ExitStack() as stack:
         before = agent.rss()
         for number in range(30):
@@ -193,7 +202,7 @@ def test_slow_tcp_readers():
         agent.served()
         writer = agent.good.writer("good", "rt/big", TYPE)
         agent.good.mtu = 60_000
-        for _ in range(150):  # 270 MB, were all kept
+        for _ in range(150):  # 270 MB if all were kept
             agent.good.write(writer, bytes(50_000), stream=ids.STREAM_BEST_EFFORT)
             assert agent.good.ping() == 1
         agent.served()
@@ -215,15 +224,15 @@ def test_connections_until_no_descriptor_is_left_and_back():
     with attacked("-m", "memory") as agent, ExitStack() as stack:
         before = agent.fds()
         limit_descriptors(agent, before + 20)
-        held = []
+        connections = []
         for _ in range(60):
             sock = socket.create_connection(("127.0.0.1", agent.tcp), SECONDS)
-            held.append(stack.enter_context(sock))
-        agent.it.until("cannot accept .*LimitNOFILE")
+            connections.append(stack.enter_context(sock))
+        agent.agent_process.until("cannot accept .*LimitNOFILE")
         agent.served()
-        assert agent.it.text.count("cannot accept") < 10
-        for sock in held:
-            # A reset: what was not accepted yet leaves the queue too.
+        assert agent.agent_process.text.count("cannot accept") < 10
+        for sock in connections:
+            # A reset also removes connections that were not accepted yet.
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
             sock.close()
         again = agent.client(0xACE, TcpLine)
@@ -238,21 +247,21 @@ def test_connections_until_no_descriptor_is_left_and_back():
 
 @pytest.mark.parametrize("middleware", ["memory", "dds"])
 def test_without_any_descriptor_boards_are_served(middleware, own_domain_id):
-    """Not one more for anything: files of types, domains, connections, the log's."""
+    """No descriptor is left for files of types, domains, connections or the log."""
     with attacked("-m", middleware, "--domain", str(own_domain_id)) as agent:
-        limit_descriptors(agent, 3)  # those that are open stay open
+        limit_descriptors(agent, 3)  # open descriptors stay open
         for number in range(20):
             agent.served()
-            other = agent.client(0x100 + number)
-            node = other.participant("n")  # on the domain that is joined already
+            new_client = agent.client(0x100 + number)
+            node = new_client.participant("n")  # on the domain that the agent has joined already
             assert node
-            assert other.writer("n", f"rt/t{number}", "a::msg::dds_::A_")
-            assert other.close() == ids.STATUS_OK
+            assert new_client.writer("n", f"rt/t{number}", "a::msg::dds_::A_")
+            assert new_client.close() == ids.STATUS_OK
         sock = socket.socket()
         sock.settimeout(SECONDS)
         with sock:
             sock.connect(("127.0.0.1", agent.tcp))
-            agent.it.until("cannot accept")
+            agent.agent_process.until("cannot accept")
             agent.served()
             limit_descriptors(agent, 256)
             sock.sendall(framed(message([get_info()], 0, 0, 0x80)))
@@ -263,22 +272,24 @@ def test_a_serial_line_that_comes_back_when_no_descriptor_is_left(tmp_path):
     master, slave = os.openpty()
     link = tmp_path / "tty"
     link.symlink_to(os.ttyname(slave))
-    with process("udp4", "--port", "0", "-m", "memory", "serial", "--dev", str(link)) as it:
-        it.until("serial .*running|SerialAgent .*running|dev: ")
-        it.popen.poll()
-        pid = it.popen.pid
+    with process(
+        "udp4", "--port", "0", "-m", "memory", "serial", "--dev", str(link)
+    ) as agent_process:
+        agent_process.until("serial .*running|SerialAgent .*running|dev: ")
+        agent_process.popen.poll()
+        pid = agent_process.popen.pid
         resource.prlimit(pid, resource.RLIMIT_NOFILE, (3, HARD))
         os.close(master)
         os.close(slave)
-        it.until("device lost")
+        agent_process.until("device lost")
         master, slave = os.openpty()
         link.unlink()
         link.symlink_to(os.ttyname(slave))
-        it.until("errno: 24")
+        agent_process.until("errno: 24")
         resource.prlimit(pid, resource.RLIMIT_NOFILE, (256, HARD))
-        it.until(r"(?s)errno: 24.*running")
-        assert it.end() == 0
-        assert "internal error" not in it.text
+        agent_process.until(r"(?s)errno: 24.*running")
+        assert agent_process.end() == 0
+        assert "internal error" not in agent_process.text
     os.close(master)
     os.close(slave)
 
@@ -287,7 +298,7 @@ def test_a_serial_line_that_comes_back_when_no_descriptor_is_left(tmp_path):
 def test_a_reader_that_keeps_all_and_never_reads_holds_a_part_of_the_memory(
     middleware, own_domain_id
 ):
-    """316 samples of 1 MB: they made 355 MB, and stayed."""
+    """316 samples of 1 MB took 355 MB for good before the limit existed."""
     options = "-m", middleware, "--domain", str(own_domain_id), "--max-memory", "64"
     with attacked(*options) as agent:
         bad = agent.client(0xBAD)
@@ -301,13 +312,13 @@ def test_a_reader_that_keeps_all_and_never_reads_holds_a_part_of_the_memory(
         assert agent.rss() - before < 64 * MB
         agent.served()
         assert bad.delete(reader) == ids.STATUS_OK
-        agent.it.read()
-        assert "samples dropped" in agent.it.text
+        agent.agent_process.read()
+        assert "samples dropped" in agent.agent_process.text
 
 
 @pytest.mark.parametrize("kind", ["udp", "tcp"])
-def test_all_sessions_there_are_from_one_socket(kind):
-    """4,096 sessions with an object each: no board came in for five minutes after."""
+def test_all_sessions_from_one_socket(kind):
+    """4,096 sessions with an object each must not keep boards out, as they did for five minutes."""
     with attacked("-m", "memory") as agent:
 
         def datagrams():
@@ -317,7 +328,7 @@ def test_all_sessions_there_are_from_one_socket(kind):
 
         if kind == "udp":
             flood(agent, datagrams(), 100)
-            late(agent)
+            check_late_clients(agent)
         else:
             with socket.create_connection(("127.0.0.1", agent.tcp)) as sock:
                 for number, datagram in enumerate(datagrams()):
@@ -325,13 +336,13 @@ def test_all_sessions_there_are_from_one_socket(kind):
                     if number % 100 == 0:
                         assert agent.good.ping() == 1
                         sock.recv(65536)
-                late(agent)
+                check_late_clients(agent)
 
 
-def late(agent):
-    """Boards come from other sockets of the same address, and stay."""
+def check_late_clients(agent):
+    """Test that boards from other sockets of the same address are admitted and stay."""
     clients = [agent.client(key) for key in range(0x1A7E, 0x1A7E + 20)]
-    for one in clients:
-        assert one.writer("late", "rt/late", TYPE)
-    assert all(one.ping() == 1 for one in clients)
+    for client in clients:
+        assert client.writer("late", "rt/late", TYPE)
+    assert all(client.ping() == 1 for client in clients)
     agent.served()

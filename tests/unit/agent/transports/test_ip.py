@@ -26,8 +26,8 @@ class Host:
 
     unwatch = watch
 
-    def note(self, level, part, function, what, about):
-        self.said.append((level, part, what, about))
+    def note(self, level, part, function, event, about):
+        self.said.append((level, part, event, about))
 
 
 @pytest.fixture(params=SERVERS)
@@ -36,7 +36,7 @@ def kind(request):
 
 
 def test_both_families_on_one_port(kind):
-    """Each hears its own: no client over IPv4 comes to the one on IPv6."""
+    """Each socket receives its own family: no IPv4 client reaches the IPv6 socket."""
     make, line_of = SERVERS[kind]
     with running_agent(kind, "memory") as four:
         with running_agent(make(four.transport.port, "::"), "memory") as six:
@@ -53,12 +53,12 @@ def test_names_and_addresses_in_the_log(kind):
             line = agent.line()
             assert XrceClient(line, 7).open() == ids.STATUS_OK
             port = line._socket.getsockname()[1]
-        said = agent.said.getvalue()
-        assert f"{kind.upper()}v{number}Agent" in said
-        assert f"address: {loopback}:{port}\n" in said, said
+        log = agent.said.getvalue()
+        assert f"{kind.upper()}v{number}Agent" in log
+        assert f"address: {loopback}:{port}\n" in log, log
 
 
-def test_an_address_as_a_person_reads_it():
+def test_an_address_in_its_usual_notation():
     assert ip.text_of(("192.0.2.7", 1)) == "192.0.2.7:1"
     assert ip.text_of(("2001:db8::7", 1, 0, 0)) == "[2001:db8::7]:1"
     assert ip.text_of(("fe80::7%eth0", 1, 0, 2)) == "[fe80::7%eth0]:1"
@@ -86,7 +86,7 @@ def test_an_address_that_is_not_ours(kind, host):
 
 
 def test_a_kernel_without_ipv6(kind, monkeypatch):
-    """As one started with ipv6.disable=1, or built without."""
+    """A kernel started with ipv6.disable=1, or built without IPv6."""
     real = socket.socket
 
     def only_ipv4(family, *rest):
@@ -102,11 +102,11 @@ def test_a_kernel_without_ipv6(kind, monkeypatch):
     server, host = SERVERS[kind][0](0), Host()
     server.open(host)
     server.close()
-    assert [what for *_, what, _ in host.said] == ["running..."]
+    assert [event for *_, event, _ in host.said] == ["running..."]
 
 
 def test_ipv6_turned_off(kind, monkeypatch):
-    """As by sysctl: the kernel lets us listen on ::, and nobody can come."""
+    """Turned off by sysctl: the agent can listen on ::, but no client can connect."""
     assert ip.ipv6_works()
     monkeypatch.setattr(ip, "ipv6_works", lambda: False)
     server, host = SERVERS[kind][0](0, "::"), Host()
@@ -117,7 +117,7 @@ def test_ipv6_turned_off(kind, monkeypatch):
         SERVERS[kind][0](0, "2001:db8::1").open(host)
 
 
-def test_it_opens_again(kind):
+def test_a_transport_can_be_opened_again(kind):
     server = SERVERS[kind][0](0, "::1")
     server.open(Host())
     port = server.port

@@ -42,7 +42,7 @@ class OneLine(ServerTransport):
 
 
 class Pair:
-    """A line and the board's end of it."""
+    """A line and the board's end of the connection."""
 
     def __init__(self):
         self.host = BareHost()
@@ -58,10 +58,10 @@ class Pair:
         self.line.open(self.host, self.stream)
 
     def feed(self, data):
-        """The line has seen all of it."""
-        wanted = self.stream.count + len(data)
+        """Send data; wait until the line has read all of it."""
+        expected_count = self.stream.count + len(data)
         self.board.sendall(data)
-        self.host.until(lambda: self.stream.count >= wanted, "what was sent")
+        self.host.until(lambda: self.stream.count >= expected_count, "what was sent")
 
     def close(self):
         self.server.close()
@@ -87,9 +87,9 @@ class Counted:
 
 @pytest.fixture
 def pair():
-    one = Pair()
-    yield one
-    one.close()
+    new_pair = Pair()
+    yield new_pair
+    new_pair.close()
 
 
 def test_frames_have_their_sources_and_are_counted(pair):
@@ -107,13 +107,13 @@ def test_counters_go_on_when_the_line_comes_back_and_half_a_frame_does_not(pair)
     assert pair.server.why == ["end of file"] and pair.line.stream is None
     pair.plug()
     pair.feed(framed(b"half", 1)[-3:] + framed(b"two", 1))
-    assert [it[1] for it in pair.host.messages] == [b"one", b"two"]
+    assert [message[1] for message in pair.host.messages] == [b"one", b"two"]
     line = pair.line
     assert (line.frames, line.crc_errors) == (2, 1)
     assert line.skipped == len(BAD) + 3 + 3
 
 
-def test_bad_frames_are_told_at_once_and_then_seldom(pair):
+def test_bad_frames_are_logged_at_once_and_then_rarely(pair):
     pair.feed(framed(b"good", 1) * 3 + BAD)
     assert pair.host.warnings() == [
         "TestAgent | bad frames | device: /dev/test, CRC errors: 1 of 4 frames"
@@ -121,20 +121,20 @@ def test_bad_frames_are_told_at_once_and_then_seldom(pair):
     ]
     pair.feed((framed(b"good", 1) * 7 + BAD * 3) * 4)
     assert len(pair.host.warnings()) == 1
-    assert [it[0] for it in pair.host.calls] == [module.QUIET]
+    assert [call[0] for call in pair.host.calls] == [module.QUIET]
     pair.host.fire()
     assert pair.host.warnings()[1:] == [
         "TestAgent | bad frames | device: /dev/test, CRC errors: 12 of 40 frames"
         " (noise, or a wrong baud rate?)"
     ]
-    pair.host.fire()  # it has become good
+    pair.host.fire()  # frames are valid
     assert pair.host.calls == [] and len(pair.host.warnings()) == 2
-    pair.feed(BAD)  # and bad again
+    pair.feed(BAD)  # and invalid again
     assert len(pair.host.warnings()) == 3
     assert pair.line.crc_errors == 14
 
 
-def test_bytes_without_frames_are_told_and_frames_end_the_suspicion(pair):
+def test_bytes_without_frames_are_logged_until_frames_arrive(pair):
     for _ in range(20):
         pair.feed(b"a" * 300)
     assert len(pair.host.warnings()) == 3  # after 512, 1024 and 2048 more
@@ -147,7 +147,7 @@ def test_bytes_without_frames_are_told_and_frames_end_the_suspicion(pair):
 
 @settings(max_examples=examples(60), deadline=None)
 @given(st.lists(st.one_of(st.binary(max_size=60), st.sampled_from([BAD, framed(b"ok", 3)]))))
-def test_whatever_comes_is_counted_and_nothing_raises(pieces):
+def test_any_bytes_are_counted_and_raise_no_error(pieces):
     pair = Pair()
     try:
         for piece in pieces:
@@ -163,7 +163,7 @@ def test_whatever_comes_is_counted_and_nothing_raises(pieces):
         pair.close()
 
 
-def test_a_line_that_takes_nothing_loses_whole_messages_and_says_so(pair):
+def test_a_line_that_accepts_no_bytes_loses_whole_messages_and_logs_it(pair):
     payload = random.Random(1).randbytes(512)
     for number in range(3000):
         pair.server.send(1, number.to_bytes(4, "big") + payload)
@@ -177,34 +177,34 @@ def test_a_line_that_takes_nothing_loses_whole_messages_and_says_so(pair):
 
     reader = SerialLine(pair.board.fileno(), owned=False)
     os.set_blocking(reader.fd, False)
-    got = []
+    messages = []
 
     def drained():
         try:
-            got.extend(reader._read())
+            messages.extend(reader._read())
         except BlockingIOError:
             pass
         return not line.unsent
 
     pair.host.until(drained, "the room")
-    while len(got) < 3000 - line.dropped:
-        got.extend(reader._read())
-    numbers = [int.from_bytes(it[:4], "big") for it in got]
+    while len(messages) < 3000 - line.dropped:
+        messages.extend(reader._read())
+    numbers = [int.from_bytes(message[:4], "big") for message in messages]
     assert numbers == sorted(set(numbers)) and numbers[0] == 0
-    assert all(it[4:] == payload for it in got)
+    assert all(message[4:] == payload for message in messages)
     assert pair.host.writing[line.stream.fileno()] is False
     pair.server.send(1, b"next")
     assert reader._read() == [b"next"]
 
 
-def test_what_waits_is_dropped_with_the_line(pair):
+def test_waiting_messages_are_dropped_with_the_line(pair):
     for _ in range(500):
         pair.server.send(1, bytes(1000))
     assert pair.line.unsent
     pair.board.close()
     pair.host.until(lambda: pair.server.why, "the end")
     assert not pair.line.unsent
-    pair.server.send(1, b"into the void")  # nobody there: lost, and no error
+    pair.server.send(1, b"into the void")  # no connection: lost without an error
     pair.plug()
     pair.server.send(1, b"new")
     assert SerialLine(pair.board.fileno(), owned=False)._read() == [b"new"]
@@ -226,27 +226,27 @@ def test_a_stream_that_opens_after_the_end_is_closed():
     server = Late("/dev/late")
     server.open(BareHost())
     server.close()
-    ours, theirs = socket.socketpair()
-    server._opened(SocketStream(ours), "")
-    assert ours.fileno() == -1
-    theirs.close()
+    agent_end, board_end = socket.socketpair()
+    server._opened(SocketStream(agent_end), "")
+    assert agent_end.fileno() == -1
+    board_end.close()
     server._failed(2, "late", "too late")
     assert server._host.notes == [] and server._host.calls == []
 
 
 def test_a_descriptor_as_a_stream():
-    ours, theirs = os.openpty()
-    os.set_blocking(ours, False)
-    stream = FileStream(ours)
+    agent_end, board_end = os.openpty()
+    os.set_blocking(agent_end, False)
+    stream = FileStream(agent_end)
     with pytest.raises(BlockingIOError):
         stream.read(10)
     assert stream.write(bytearray(b"x")) == 1 and stream.backlog() == 0
     stream.close()
-    os.close(theirs)
+    os.close(board_end)
 
 
-def test_a_line_that_cannot_be_had_again_is_tried_until_it_can(monkeypatch):
-    """No descriptor is left, or whatever: it was there before."""
+def test_a_line_that_cannot_be_reopened_is_retried(monkeypatch):
+    """Any error of reopening, such as exhausted descriptors, is retried."""
     host, server = BareHost(), PseudoTerminalServer()
     server.open(host)
     real, errors = os.openpty, [OSError(24, "Too many open files"), RuntimeError("a driver's")]

@@ -23,24 +23,24 @@ def agent(monkeypatch):
 
 
 def test_boards_with_the_same_address_and_session_on_two_devices(agent):
-    one, two = (XrceClient(agent.line(i), 0x61 + i) for i in (0, 1))
-    assert one.open() == two.open() == 0
+    first, second = (XrceClient(agent.line(i), 0x61 + i) for i in (0, 1))
+    assert first.open() == second.open() == 0
     assert set(agent.agent.clients) == {0x61, 0x62}
-    writers = [it.writer("n", f"rt/t{it.key}", TYPE) for it in (one, two)]
-    readers = [it.reader("n", f"rt/t{it.key}", TYPE) for it in (one, two)]
-    for it, reader in zip((one, two), readers, strict=True):
-        it.read(reader)
+    writers = [client.writer("n", f"rt/t{client.key}", TYPE) for client in (first, second)]
+    readers = [client.reader("n", f"rt/t{client.key}", TYPE) for client in (first, second)]
+    for client, reader in zip((first, second), readers, strict=True):
+        client.read(reader)
     for i in range(20):
-        one.write(writers[0], bytes([1, i]))
-        two.write(writers[1], bytes([2, i]))
-        assert one.sample(readers[0]) == bytes([1, i])
-        assert two.sample(readers[1]) == bytes([2, i])
-    said = agent.said.getvalue()
+        first.write(writers[0], bytes([1, i]))
+        second.write(writers[1], bytes([2, i]))
+        assert first.sample(readers[0]) == bytes([1, i])
+        assert second.sample(readers[1]) == bytes([2, i])
+    log = agent.said.getvalue()
     for server in agent.server.transports:
-        assert f"address: {server.device} (1)" in said
+        assert f"address: {server.device} (1)" in log
         assert list(server.sessions) == [1]
-    assert one.close() == 0
-    assert two.ping() == 1
+    assert first.close() == 0
+    assert second.ping() == 1
 
 
 def test_one_device_is_unplugged_and_the_other_goes_on(tmp_path, monkeypatch):
@@ -61,29 +61,29 @@ def test_one_device_is_unplugged_and_the_other_goes_on(tmp_path, monkeypatch):
             ends[ends.index(fd)] = -1
 
     with running_agent("pseudoterminal", "memory") as agent:
-        # In the place of its own transport: it never has anything to do.
+        # Replaces its own transport, which never has anything to do.
         servers = serial_servers([str(link) for link in links])
         agent.server.transports.extend(servers)
         for server in servers:
-            agent.server.wake_at(0, lambda it=server: it.open(agent.server))
+            agent.server.wake_at(0, lambda serial_server=server: serial_server.open(agent.server))
         agent.server._wake.set()
         wait_for(agent.said.getvalue, "waiting for device", 2)
-        one = XrceClient(plug(links[0]), 0x71)
+        first = XrceClient(plug(links[0]), 0x71)
         wait_for(agent.said.getvalue, "running...", 2)
-        assert one.open() == 0  # while the other device is missing
-        two = XrceClient(plug(links[1]), 0x72)
+        assert first.open() == 0  # while the other device is missing
+        second = XrceClient(plug(links[1]), 0x72)
         wait_for(agent.said.getvalue, "running...", 3)
-        assert two.open() == 0
-        writer, reader = two.writer("n", "rt/b", TYPE), two.reader("n", "rt/b", TYPE)
-        two.read(reader)
+        assert second.open() == 0
+        writer, reader = second.writer("n", "rt/b", TYPE), second.reader("n", "rt/b", TYPE)
+        second.read(reader)
         for turn in range(3):
             links[1].unlink()
             unplug(1 if not turn else len(ends) // 2 - 1)
             wait_for(agent.said.getvalue, "device lost", turn + 1)
-            assert one.ping() == 1
-            two.line = plug(links[1])
-            two.write(writer, bytes([turn]))
-            assert two.sample(reader) == bytes([turn])
+            assert first.ping() == 1
+            second.line = plug(links[1])
+            second.write(writer, bytes([turn]))
+            assert second.sample(reader) == bytes([turn])
         assert servers[0].line.stream is not None
     for fd in ends:
         if fd >= 0:
@@ -91,10 +91,10 @@ def test_one_device_is_unplugged_and_the_other_goes_on(tmp_path, monkeypatch):
 
 
 def test_the_names_of_the_log(agent):
-    assert {it.name for it in agent.server.transports} == {"MultiSerialAgent"}
+    assert {transport.name for transport in agent.server.transports} == {"MultiSerialAgent"}
 
 
-def test_what_is_no_list_of_devices(monkeypatch):
+def test_invalid_lists_of_devices_are_refused(monkeypatch):
     for devices, why in (
         ([], "name some"),
         (["/dev/a", "/dev/b", "/dev/a"], "/dev/a: named twice"),

@@ -34,9 +34,9 @@ def all_threads_end():
 
 @pytest.fixture
 def host():
-    one = BareHost()
-    yield one
-    one.close()
+    bare_host = BareHost()
+    yield bare_host
+    bare_host.close()
 
 
 @pytest.fixture
@@ -70,11 +70,11 @@ def test_a_pseudo_terminal_both_ways(host, terminal):
         assert host.messages[i] == (1, text + bytes([i])) and messages == [text + bytes([i])]
     assert f"dev: {os.ttyname(terminal[1])}, baudrate: 115200" in host.said()
     server.close()
-    server.close()  # twice is once
+    server.close()  # close() is idempotent
 
 
 def test_loop(host):
-    """What the agent sends comes back to it, as frames for somebody else."""
+    """The agent receives its own messages as frames for another address."""
     server = opened(host, "loop://")
     server.send(0, b"to myself")
     host.until(lambda: host.messages == [(0, b"to myself")])
@@ -106,13 +106,13 @@ def test_a_socket_that_comes_back(host, monkeypatch):
 @pytest.mark.filterwarnings("ignore:set(Daemon|Name):DeprecationWarning")  # pyserial 3.5 itself
 def test_rfc2217(host):
     """Against pyserial's own server of that protocol, which offers a loop."""
-    with Rfc2217() as there:
-        server = opened(host, f"rfc2217://127.0.0.1:{there.port}", 57600)
+    with Rfc2217() as rfc2217_server:
+        server = opened(host, f"rfc2217://127.0.0.1:{rfc2217_server.port}", 57600)
         text = bytes(range(256))  # 255 is Telnet's own escape
         for turn in range(1, 4):
             server.send(0, text)
             host.until(lambda turn=turn: host.messages == [(0, text)] * turn)
-        assert there.serial.baudrate == 57600
+        assert rfc2217_server.serial.baudrate == 57600
         server.close()
 
 
@@ -169,21 +169,21 @@ def test_a_device_that_is_unplugged_and_plugged_in_again(tmp_path, monkeypatch):
     with running_agent(PySerialServer(str(link)), "memory") as agent:
         wait_for(agent.said.getvalue, "waiting for device")
         assert f"device: {link}, errno: 2, it is not there: plug the board" in agent.said.getvalue()
-        one = XrceClient(plug(), 0xA1)
+        client = XrceClient(plug(), 0xA1)
         wait_for(agent.said.getvalue, "running...")
-        assert one.open() == 0
-        writer, reader = one.writer("n", "rt/a", TYPE), one.reader("n", "rt/a", TYPE)
-        one.read(reader)
+        assert client.open() == 0
+        writer, reader = client.writer("n", "rt/a", TYPE), client.reader("n", "rt/a", TYPE)
+        client.read(reader)
         for turn in range(1, 4):
             unplug()
             wait_for(agent.said.getvalue, "device lost", turn)
-            one.line = plug()
-            one.write(writer, bytes([turn]) * 20)  # lost or not, the stream repeats it
-            assert one.sample(reader) == bytes([turn]) * 20
+            client.line = plug()
+            client.write(writer, bytes([turn]) * 20)  # if lost, the stream sends it again
+            assert client.sample(reader) == bytes([turn]) * 20
     unplug()
 
 
-def test_a_device_that_somebody_else_has(host, terminal):
+def test_a_device_that_another_program_has_open(host, terminal):
     device = os.ttyname(terminal[1])
     first = opened(host, device)
     second = PySerialServer(device)
@@ -211,8 +211,8 @@ def test_a_device_by_a_file_with_its_name(host, tmp_path, terminal):
     server.close()
 
 
-def test_the_end_while_it_is_opening(host, monkeypatch):
-    """A port that takes its time is closed when it has opened at last."""
+def test_closing_while_the_device_opens(host, monkeypatch):
+    """A port that opens slowly is closed after it has opened."""
     begun, go = threading.Event(), threading.Event()
     ports = []
 
@@ -245,7 +245,7 @@ def test_the_end_while_it_is_opening(host, monkeypatch):
 
 
 class Port:
-    """A port that takes nothing until ``room`` is set."""
+    """A port that accepts no bytes until ``room`` is set."""
 
     baudrate = 115200
 
@@ -296,7 +296,7 @@ def test_a_line_that_takes_nothing_loses_messages_and_nothing_waits(host, monkey
     server.close()
 
 
-def test_all_that_came_is_handled_before_the_end_is(host, monkeypatch):
+def test_received_messages_are_handled_before_the_end_of_the_line(host, monkeypatch):
     port = Port()
     port.incoming = framed(b"x" * 1000, 1) * 50
     monkeypatch.setattr(module, "_made", lambda *_: port)
@@ -310,7 +310,7 @@ def test_all_that_came_is_handled_before_the_end_is(host, monkeypatch):
 
 
 def test_a_flood_is_not_kept(monkeypatch):
-    """What nobody handles stays in the system's buffer."""
+    """Messages that are not handled stay in the system's buffer."""
     monkeypatch.setattr(module, "_MAX_INBOX", 10_000)
     port = Port()
     port.incoming = bytes(1_000_000)
@@ -344,15 +344,15 @@ def test_modem_lines_are_set_before_opening(monkeypatch):
         ("loop://", -9600, "baud rate -9600 does not exist"),
     ],
 )
-def test_what_will_never_open(device, baud, why):
+def test_invalid_devices_are_refused(device, baud, why):
     for make in (PySerialServer, PySerialPort):
         with pytest.raises(TransportError, match=why):
             make(device, baud)
 
 
-@pytest.mark.parametrize("other", [None, type(os)("serial")])
-def test_without_pyserial(monkeypatch, other):
-    monkeypatch.setitem(sys.modules, "serial", other)
+@pytest.mark.parametrize("module_name", [None, type(os)("serial")])
+def test_without_pyserial(monkeypatch, module_name):
+    monkeypatch.setitem(sys.modules, "serial", module_name)
     with pytest.raises(TransportError, match="COM3 needs pyserial: python -m pip install pyserial"):
         PySerialServer("COM3")
 
@@ -369,7 +369,7 @@ def test_reasons():
 # --- a board's end -----------------------------------------------------------------------
 
 
-def test_a_boards_end(terminal):
+def test_the_ports_of_a_board(terminal):
     port = device_port("loop://")
     assert isinstance(port, PySerialPort)
     port = PySerialPort(os.ttyname(terminal[1]))
@@ -385,17 +385,17 @@ def test_a_boards_end(terminal):
         agent.send_raw(framed(text, 0, 1))
         assert board.receive(int(SECONDS * 1000)) == text
     board.close()
-    board.close()  # twice is once
+    board.close()  # close() is idempotent
 
 
-def test_a_boards_end_on_a_line_that_takes_nothing(terminal):
+def test_the_port_of_a_board_on_a_line_that_accepts_no_bytes(terminal):
     port = PySerialPort(os.ttyname(terminal[1]))
     port.open()
     for _ in range(100):
-        assert port.write(bytes(1000)) == 1000  # never for long
+        assert port.write(bytes(1000)) == 1000  # never blocks for long
     port.close()
 
 
-def test_a_boards_end_that_does_not_open():
+def test_the_port_of_a_board_that_does_not_open():
     with pytest.raises(OSError, match="errno: 2, it is not there: plug the board in"):
         PySerialPort("/dev/ttyNONE0").open()

@@ -27,7 +27,7 @@ def command(*args):
 
 
 def refused(*args, **env):
-    """(exit status, what it says on standard error) of an agent that does not start."""
+    """Return (exit status, standard error) of an agent that does not start."""
     done = subprocess.run(
         command(*args), env={**os.environ, **env}, capture_output=True, text=True,
         timeout=SECONDS * 3,
@@ -37,7 +37,7 @@ def refused(*args, **env):
 
 
 class Process:
-    """An agent on memory; its lines as they come."""
+    """An agent process on the memory middleware, and its output."""
 
     def __init__(self, *args, signals=default_signals):
         with signals():
@@ -47,7 +47,7 @@ class Process:
         self.text = ""
 
     def read(self, seconds=SECONDS):
-        """More of what it says; False at its end."""
+        """Read more output; return False at its end."""
         fd = self.popen.stdout.fileno()
         assert select.select([fd], [], [], seconds)[0], f"it says no more than:\n{self.text}"
         chunk = os.read(fd, 65536)
@@ -55,15 +55,15 @@ class Process:
         return bool(chunk)
 
     def until(self, pattern):
-        """The match, once the log has it."""
+        """Wait until the log matches; return the match."""
         deadline = time.monotonic() + 3 * SECONDS
-        while not (found := re.search(pattern, self.text)):
+        while not (match := re.search(pattern, self.text)):
             assert time.monotonic() < deadline
             assert self.read(3 * SECONDS), f"it ended, no {pattern!r} in:\n{self.text}"
-        return found
+        return match
 
     def end(self, number=signal.SIGTERM):
-        """Its exit status after a signal."""
+        """Send a signal; return the exit status."""
         self.popen.send_signal(number)
         while self.read():
             pass
@@ -94,13 +94,13 @@ TRANSPORTS = {
 
 
 @pytest.mark.parametrize("transport", TRANSPORTS)
-def test_a_second_agent_on_the_port_says_so_and_ends(transport):
+def test_a_second_agent_on_the_port_names_the_fault_and_exits(transport):
     with agent(transport, "-p", 0, "-m", "memory") as first:
         port = int(first.until(r"running\.\.\. +\| port: (\d+)")[1])
-        status, said = refused(transport, "-p", port, "-m", "memory")
+        status, output = refused(transport, "-p", port, "-m", "memory")
         assert status == 1
         protocol = transport[:3].upper()
-        assert said == (
+        assert output == (
             f"uros: {protocol} port {port} is in use, perhaps by another agent:"
             " stop it, or choose another port with --port\n"
         )
@@ -113,7 +113,7 @@ def test_a_second_agent_on_the_port_says_so_and_ends(transport):
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
 @pytest.mark.parametrize("transport", TRANSPORTS)
-def test_a_signal_ends_it_cleanly_and_frees_the_port(transport, number):
+def test_a_signal_ends_the_agent_cleanly_and_frees_the_port(transport, number):
     make_line, address, kind, family = TRANSPORTS[transport]
     with agent(transport, "-p", 0, "-m", "memory") as process:
         port = int(process.until(r"port: (\d+)")[1])
@@ -123,8 +123,8 @@ def test_a_signal_ends_it_cleanly_and_frees_the_port(transport, number):
         client.writer("node", "rt/a", TYPE)
         assert process.end(number) == 0
         line.close()
-        said = [it[5].strip() for it in process.lines()]
-        assert said[-3:] == ["delete", "session closed", "server stopped"]
+        events = [log_line[5].strip() for log_line in process.lines()]
+        assert events[-3:] == ["delete", "session closed", "server stopped"]
     with socket.socket(family, kind) as sock:
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         sock.bind((address, port))
@@ -140,7 +140,7 @@ def test_a_hangup_that_nohup_ignores_ends_nothing():
         assert process.end() == 0
 
 
-def test_one_agent_serves_several_transports_and_their_options_are_one_agents(tmp_path):
+def test_one_agent_serves_several_transports_with_common_options(tmp_path):
     (tmp_path / "rules.toml").write_text("[[client]]\nkey = 1\nremap = { a = 'b' }\n")
     with agent(
         "udp4", "-p", 0, "-m", "memory", "tcp4", "-p", 0, "--domain", 5, "pseudoterminal",
@@ -153,8 +153,8 @@ def test_one_agent_serves_several_transports_and_their_options_are_one_agents(tm
         clients = [XrceClient(line, key) for key, line in enumerate(lines, 1)]
         for client in clients:
             assert client.open() == ids.STATUS_OK
-        readers = [it.reader("node", "rt/a", TYPE) for it in clients[1:]]
-        renamed = clients[0].reader("node", "rt/a", TYPE)  # rt/b, by its rule
+        readers = [reading_client.reader("node", "rt/a", TYPE) for reading_client in clients[1:]]
+        renamed = clients[0].reader("node", "rt/a", TYPE)  # rt/b, by a rule
         for client, reader in zip(clients, [renamed, *readers], strict=True):
             client.read(reader)
         clients[1].write(clients[1].writer("node", "rt/a", TYPE), b"\1\0\0\0a")
@@ -168,13 +168,13 @@ def test_one_agent_serves_several_transports_and_their_options_are_one_agents(tm
             line.close()
 
 
-def test_a_signal_ends_it_while_it_waits_for_a_device(tmp_path):
+def test_a_signal_ends_an_agent_that_waits_for_a_device(tmp_path):
     with agent("serial", "-D", tmp_path / "none", "-m", "memory") as process:
         process.until("waiting for device")
         assert process.end() == 0
 
 
-def test_it_ends_on_dds_too():
+def test_a_signal_ends_an_agent_on_dds():
     with agent("udp4", "-p", 0) as process:
         port = int(process.until(r"port: (\d+)")[1])
         line = UdpLine(port)
@@ -186,7 +186,7 @@ def test_it_ends_on_dds_too():
         line.close()
 
 
-def test_a_pseudo_terminal_tells_its_name():
+def test_a_pseudo_terminal_logs_its_name():
     with agent("pseudoterminal", "-m", "memory") as process:
         line = SerialLine.open(process.until(r"dev: (/\S+)")[1])
         assert XrceClient(line, 1).open() == ids.STATUS_OK
@@ -209,7 +209,7 @@ def test_a_pseudo_terminal_keeps_its_name_when_a_program_closes_it():
 
 
 @pytest.mark.parametrize(
-    ("args", "status", "said"),
+    ("args", "status", "message"),
     [
         (["serial", "-D", "/dev/none", "-b", "0"], 1,
          "uros: baud rate 0 does not exist: 1 to "),
@@ -228,16 +228,16 @@ def test_a_pseudo_terminal_keeps_its_name_when_a_program_closes_it():
          "uros: /nowhere/agent.refs: No such file"),
     ],
 )  # fmt: skip
-def test_what_is_refused(args, status, said):
-    got = refused(*args)
-    assert got[0] == status
-    assert said in got[1]
+def test_invalid_options_are_refused(args, status, message):
+    result = refused(*args)
+    assert result[0] == status
+    assert message in result[1]
 
 
 def test_a_wrong_environment_is_named():
-    status, said = refused("udp4", "-p", 0, "-m", "memory", XRCE_DOMAIN_ID_OVERRIDE="many")
+    status, output = refused("udp4", "-p", 0, "-m", "memory", XRCE_DOMAIN_ID_OVERRIDE="many")
     assert status == 1
-    assert "XRCE_DOMAIN_ID_OVERRIDE: 'many' is not a domain; give 0 to 232" in said
+    assert "XRCE_DOMAIN_ID_OVERRIDE: 'many' is not a domain; give 0 to 232" in output
 
 
 def test_a_privileged_port_says_what_to_do(monkeypatch):
@@ -252,8 +252,8 @@ def test_a_privileged_port_says_what_to_do(monkeypatch):
 def test_a_broken_reference_file_is_named(tmp_path):
     file = tmp_path / "agent.refs"
     file.write_text("<profiles><topic profile_name='a'></profiles>")
-    status, said = refused("udp4", "-p", 0, "-m", "memory", "-r", file)
-    assert status == 1 and f"uros: {file}: broken XML: mismatched tag" in said
+    status, output = refused("udp4", "-p", 0, "-m", "memory", "-r", file)
+    assert status == 1 and f"uros: {file}: broken XML: mismatched tag" in output
 
 
 def test_boards_refer_to_a_file_of_profiles(tmp_path):
@@ -270,7 +270,7 @@ def test_boards_refer_to_a_file_of_profiles(tmp_path):
 
 
 def wait_for_port(port):
-    """Until a ping is answered there."""
+    """Wait until a ping is answered there."""
     ping = message([get_info()], 0, 0, ids.SESSION_NONE_WITHOUT_KEY)
     deadline = time.monotonic() + 3 * SECONDS
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
@@ -293,12 +293,12 @@ def wait_for_port(port):
 
 @pytest.mark.parametrize("level", range(7))
 def test_levels_and_columns(level):
-    """A client comes, makes a topic, writes to nobody, deletes the topic and leaves."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
-        other.bind(("127.0.0.1", 0))
-        port = other.getsockname()[1]
+    """A client connects, creates a topic, writes without a reader, deletes the topic and leaves."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as second_socket:
+        second_socket.bind(("127.0.0.1", 0))
+        port = second_socket.getsockname()[1]
     with agent("udp4", "-p", port, "-m", "memory", "-v", level) as process:
-        wait_for_port(port)  # at level 0 nothing is said
+        wait_for_port(port)  # level 0 logs nothing
         line = UdpLine(port)
         client = XrceClient(line, 0x4B0CBE99)
         assert client.open() == 0
@@ -310,34 +310,39 @@ def test_levels_and_columns(level):
         line.close()
         assert process.end() == 0
         lines = process.lines()
-    assert all(not isinstance(it, str) for it in lines), process.text
-    names = {it[2].strip() for it in lines}
-    wanted = [set(), set(), set(), {"warning"}, {"warning", "info"}]
-    wanted += [{"warning", "info", "debug"}, {"warning", "info", "debug", "trace"}]
-    assert names == wanted[level]
-    about = {(it[3].strip(), it[4].strip(), it[5].strip()): it[6] for it in lines}
+    assert all(not isinstance(log_line, str) for log_line in lines), process.text
+    names = {log_line[2].strip() for log_line in lines}
+    expected = [set(), set(), set(), {"warning"}, {"warning", "info"}]
+    expected += [{"warning", "info", "debug"}, {"warning", "info", "debug", "trace"}]
+    assert names == expected[level]
+    about = {
+        (log_line[3].strip(), log_line[4].strip(), log_line[5].strip()): log_line[6]
+        for log_line in lines
+    }
     if level >= 4:
         key = "client_key: 0x4B0CBE99"
         assert about["Root", "create_client", "create"] == f"{key}, session_id: 0x81"
-        made = about["ProxyClient", "create_participant", "participant created"]
-        assert made == f"{key}, participant_id: 0x001(1), domain_id: 0, node: /ns/board"
-        made = about["ProxyClient", "create_topic", "topic created"]
-        assert made == f"{key}, topic_id: 0x001(2), participant_id: 0x001(1)"
+        created = about["ProxyClient", "create_participant", "participant created"]
+        assert created == f"{key}, participant_id: 0x001(1), domain_id: 0, node: /ns/board"
+        created = about["ProxyClient", "create_topic", "topic created"]
+        assert created == f"{key}, topic_id: 0x001(2), participant_id: 0x001(1)"
         assert about["Root", "delete_client", "delete"] == key
         where = about["SessionManager", "establish_session", "session established"]
         assert re.fullmatch(key + r", address: 127\.0\.0\.1:\d+", where)
-    traces = [it for it in lines if it[4].strip() in ("recv_message", "send_message")]
+    traces = [
+        log_line for log_line in lines if log_line[4].strip() in ("recv_message", "send_message")
+    ]
     assert bool(traces) == (level >= 5)
-    for it in traces:
-        assert it[3].strip() == "UDPv4Agent"
-        sent = it[4].strip() == "send_message"
-        assert it[5].strip() == ("[** <<UDP>> **]" if sent else "[==>> UDP <<==]")
-        found = re.fullmatch(
-            r"client_key: 0x[0-9A-F]{8}, len: (\d+)(?:, data: ((?:[0-9A-F]{2} ?)+))?", it[6]
+    for log_line in traces:
+        assert log_line[3].strip() == "UDPv4Agent"
+        sent = log_line[4].strip() == "send_message"
+        assert log_line[5].strip() == ("[** <<UDP>> **]" if sent else "[==>> UDP <<==]")
+        match = re.fullmatch(
+            r"client_key: 0x[0-9A-F]{8}, len: (\d+)(?:, data: ((?:[0-9A-F]{2} ?)+))?", log_line[6]
         )
-        assert found
-        assert bool(found[2]) == (level == 6)
-        if found[2]:
-            assert len(bytes.fromhex(found[2])) == int(found[1])
+        assert match
+        assert bool(match[2]) == (level == 6)
+        if match[2]:
+            assert len(bytes.fromhex(match[2])) == int(match[1])
     if level == 6:
         assert "80 00 00 00 00 01 10 00 58 52 43 45 01 00 01 0F 4B 0C BE 99 81 00" in process.text

@@ -39,7 +39,7 @@ def test_bluetooth(number, remedy):
     assert remedy in bluetooth_trouble(number)
 
 
-def test_what_has_no_remedy_has_its_name():
+def test_errors_without_a_remedy_have_their_name():
     for explain in (bluetooth_trouble, socket_trouble):
         assert explain(errno.EIO) == f"errno: {errno.EIO}, {os.strerror(errno.EIO)}"
     assert "start the program" in socket_trouble(errno.ECONNREFUSED)

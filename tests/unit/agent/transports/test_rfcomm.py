@@ -31,9 +31,9 @@ def air():
 
 @pytest.fixture
 def host():
-    one = BareHost()
-    yield one
-    one.close()
+    bare_host = BareHost()
+    yield bare_host
+    bare_host.close()
 
 
 def test_a_board_that_waits_to_be_connected_to(air, monkeypatch):
@@ -51,17 +51,17 @@ def test_a_board_that_waits_to_be_connected_to(air, monkeypatch):
             socks.extend((listener, listener.accept()[0]))
             return SerialLine(socks[-1].fileno(), owned=False)
 
-        one = XrceClient(switch_on(), 0x81)
-        assert one.open() == 0
-        writer, reader = one.writer("n", "rt/a", TYPE), one.reader("n", "rt/a", TYPE)
-        one.read(reader)
+        client = XrceClient(switch_on(), 0x81)
+        assert client.open() == 0
+        writer, reader = client.writer("n", "rt/a", TYPE), client.reader("n", "rt/a", TYPE)
+        client.read(reader)
         for turn in range(1, 4):
             for sock in socks[-2:]:
                 sock.close()
             wait_for(agent.said.getvalue, "device lost", turn)
-            one.line = switch_on()
-            one.write(writer, bytes([turn]) * 20)  # the board goes on in its session
-            assert one.sample(reader) == bytes([turn]) * 20
+            client.line = switch_on()
+            client.write(writer, bytes([turn]) * 20)  # the board goes on in its session
+            assert client.sample(reader) == bytes([turn]) * 20
         assert list(agent.agent.clients) == [0x81]
         assert f"address: {BOARD}/2 (1)" in agent.said.getvalue()
     for sock in socks:
@@ -70,15 +70,15 @@ def test_a_board_that_waits_to_be_connected_to(air, monkeypatch):
 
 def test_boards_that_connect_and_come_back():
     with running_agent("rfcomm", "memory") as agent:
-        one, two = (XrceClient(agent.line(i), 0x91 + i) for i in (0, 1))
-        assert one.open() == two.open() == 0
-        writer, reader = one.writer("n", "rt/a", TYPE), two.reader("n", "rt/a", TYPE)
-        two.read(reader)
+        first, second = (XrceClient(agent.line(i), 0x91 + i) for i in (0, 1))
+        assert first.open() == second.open() == 0
+        writer, reader = first.writer("n", "rt/a", TYPE), second.reader("n", "rt/a", TYPE)
+        second.read(reader)
         for turn in range(3):
-            two.line = agent.line(1)  # its old connection hangs; the new one replaces it
-            assert two.ping() == 1
-            one.write(writer, bytes([turn]))
-            assert two.sample(reader) == bytes([turn])
+            second.line = agent.line(1)  # its old connection hangs; the new one replaces it
+            assert second.ping() == 1
+            first.write(writer, bytes([turn]))
+            assert second.sample(reader) == bytes([turn])
         assert "address: AA:BB:CC:DD:EE:01 (1)" in agent.said.getvalue()
         assert set(agent.agent.clients) == {0x91, 0x92}
 
@@ -130,7 +130,7 @@ def test_errors_of_listening_say_what_to_do_and_are_tried_again(air, host, call,
 
 
 @pytest.mark.parametrize("address", ["", "AA:BB:CC:DD:EE", "AA:BB:CC:DD:EE:FG", "/dev/rfcomm0"])
-def test_what_is_no_address(address):
+def test_invalid_addresses_are_refused(address):
     with pytest.raises(TransportError, match="bluetoothctl devices"):
         RfcommServer(address, make=socket.socket)
 
@@ -140,7 +140,7 @@ def test_addresses_as_windows_writes_them():
 
 
 @pytest.mark.parametrize("channel", [0, -1, 31])
-def test_what_is_no_channel(channel):
+def test_invalid_channels_are_refused(channel):
     for make in (lambda: RfcommServer(BOARD, channel), lambda: RfcommListener(channel)):
         with pytest.raises(TransportError, match=f"channel {channel} does not exist: 1 to 30"):
             make()
@@ -153,10 +153,10 @@ def test_a_python_without_bluetooth(monkeypatch):
 
 
 def test_the_sockets_of_a_python_with_bluetooth(monkeypatch):
-    made = []
+    calls = []
     monkeypatch.setattr(module.socket, "AF_BLUETOOTH", 31, raising=False)
     monkeypatch.setattr(module.socket, "BTPROTO_RFCOMM", 3, raising=False)
     make = bluetooth_socket()
-    monkeypatch.setattr(module.socket, "socket", lambda *them: made.append(them))
+    monkeypatch.setattr(module.socket, "socket", lambda *args: calls.append(args))
     make()
-    assert made == [(31, socket.SOCK_STREAM, 3)]
+    assert calls == [(31, socket.SOCK_STREAM, 3)]

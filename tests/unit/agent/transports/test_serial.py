@@ -44,9 +44,9 @@ def agent(request):
 
 
 def board(agent, number=0):
-    one = XrceClient(agent.line(number), 0x5E1A0000 + number)
-    assert one.open() == ids.STATUS_OK
-    return one
+    client = XrceClient(agent.line(number), 0x5E1A0000 + number)
+    assert client.open() == ids.STATUS_OK
+    return client
 
 
 def noise(seed, size):
@@ -70,39 +70,39 @@ def noise(seed, size):
     ids=["text", "all", "flags", "escapes", "both", "cut", "crc", "foreign", "long", "random"],
 )
 def test_noise_between_frames(agent, junk):
-    one = board(agent)
-    writer, reader = one.writer("n", "rt/a", TYPE), one.reader("n", "rt/a", TYPE)
-    one.read(reader)
+    client = board(agent)
+    writer, reader = client.writer("n", "rt/a", TYPE), client.reader("n", "rt/a", TYPE)
+    client.read(reader)
     for i in range(10):
-        one.line.send_raw(junk)
-        one.write(writer, bytes([i]) * 30)
-        assert one.sample(reader) == bytes([i]) * 30
+        client.line.send_raw(junk)
+        client.write(writer, bytes([i]) * 30)
+        assert client.sample(reader) == bytes([i]) * 30
 
 
 def test_noise_on_a_line_of_two_boards(agent):
-    one, two = board(agent, 0), board(agent, 1)
+    first, second = board(agent, 0), board(agent, 1)
     for i in range(30):
-        one.line.send_raw(noise(i, 100))
-        assert two.ping() == one.ping() == 1
+        first.line.send_raw(noise(i, 100))
+        assert second.ping() == first.ping() == 1
 
 
 def test_messages_of_two_boards_in_one_chunk_have_their_own_sources(agent):
-    one, two = board(agent, 0), board(agent, 1)
-    both = framed(message([get_info(request=1)], 0, 0, 0x81), 1)
-    both += framed(message([get_info(request=2)], 0, 0, 0x81), 2)
-    one.line.send_raw(both)
-    one.until(lambda: one.infos, "no answer for the first")
-    two.until(lambda: two.infos, "no answer for the second")
-    assert [it[0] for it in one.infos] == [1] and [it[0] for it in two.infos] == [2]
+    first, second = board(agent, 0), board(agent, 1)
+    chunk = framed(message([get_info(request=1)], 0, 0, 0x81), 1)
+    chunk += framed(message([get_info(request=2)], 0, 0, 0x81), 2)
+    first.line.send_raw(chunk)
+    first.until(lambda: first.infos, "no answer for the first")
+    second.until(lambda: second.infos, "no answer for the second")
+    assert [info[0] for info in first.infos] == [1] and [info[0] for info in second.infos] == [2]
 
 
-def test_a_line_without_frames_is_told_about_and_not_for_ever(agent):
+def test_a_line_without_frames_is_logged_a_limited_number_of_times(agent):
     line = agent.line()
     for i in range(40):
         line.send_raw(noise(100 + i, 3000).replace(b"\x7e", b"\0"))
     wait_for(agent.said.getvalue, "wrong baud rate")
-    one = board(agent)
-    assert one.ping() == 1
+    client = board(agent)
+    assert client.ping() == 1
     assert 1 <= agent.said.getvalue().count("wrong baud rate") <= 8
 
 
@@ -134,14 +134,14 @@ class Device:
 @pytest.fixture
 def device(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "RETRY", 0.01)
-    one = Device(tmp_path)
-    yield one
-    one.unplug()
+    new_device = Device(tmp_path)
+    yield new_device
+    new_device.unplug()
 
 
 @pytest.fixture
 def serial(device):
-    """Starts an agent on the device, or on ``path``; ``options`` are SerialServer's."""
+    """Return a function that starts an agent on the device, or on ``path``, with ``options``."""
     with ExitStack() as stack:
 
         def start(path=None, **options):
@@ -151,62 +151,62 @@ def serial(device):
         yield start
 
 
-def test_a_missing_device_is_waited_for_and_said_once(device, serial):
+def test_a_missing_device_is_awaited_and_logged_once(device, serial):
     agent = serial()
     wait_for(agent.said.getvalue, "waiting for device")
     line = device.plug()
     wait_for(agent.said.getvalue, "running...")
     assert XrceClient(line, 0x51).open() == 0
-    said = agent.said.getvalue()
-    assert said.count("waiting for device") == 1
-    assert f"device: {device.link}, errno: 2, it is not there: plug the board in" in said
+    log = agent.said.getvalue()
+    assert log.count("waiting for device") == 1
+    assert f"device: {device.link}, errno: 2, it is not there: plug the board in" in log
 
 
 def test_unplugged_while_open_and_plugged_in_again(device, serial):
     line = device.plug()
     agent = serial()
-    one = XrceClient(line, 0x52)
-    assert one.open() == 0
-    writer, reader = one.writer("n", "rt/a", TYPE), one.reader("n", "rt/a", TYPE)
-    one.read(reader)
+    client = XrceClient(line, 0x52)
+    assert client.open() == 0
+    writer, reader = client.writer("n", "rt/a", TYPE), client.reader("n", "rt/a", TYPE)
+    client.read(reader)
     for turn in range(1, 4):
         line.send_raw(b"\x7e\x01\x00")  # half a frame
         device.unplug()
         wait_for(agent.said.getvalue, "device lost", turn)
-        one.line = line = device.plug()
+        client.line = line = device.plug()
         # the board was not reset: it goes on in its session
-        one.write(writer, bytes([turn]) * 20)
-        assert one.sample(reader) == bytes([turn]) * 20
+        client.write(writer, bytes([turn]) * 20)
+        assert client.sample(reader) == bytes([turn]) * 20
     assert list(agent.agent.clients) == [0x52]
     assert "waiting for it to come back" in agent.said.getvalue()
 
 
-def test_unplugged_while_there_is_something_to_send(device, serial):
+def test_unplugged_while_messages_wait_to_be_sent(device, serial):
     line = device.plug()
     agent = serial()
-    one = XrceClient(line, 0x53)
-    assert one.open() == 0
+    client = XrceClient(line, 0x53)
+    assert client.open() == 0
     os.set_blocking(device.master, False)
     try:
-        while not agent.transport.line.unsent:  # nobody reads the answers
+        while not agent.transport.line.unsent:  # no one reads the answers
             line.send(message([get_info()], 0, 0, 0x81))
     except BlockingIOError:
-        pass  # the agent's end is full too
+        pass  # the agent's buffer is full too
     device.unplug()
     wait_for(agent.said.getvalue, "device lost")
-    one.line = device.plug()
+    client.line = device.plug()
     wait_for(agent.said.getvalue, "running...", 2)
-    assert one.ping() == 1
+    assert client.ping() == 1
 
 
 def test_a_board_that_comes_back_with_a_new_session(device, serial):
     agent = serial()
     for turn in range(3):
-        one = XrceClient(device.plug(), 0x54)
+        client = XrceClient(device.plug(), 0x54)
         wait_for(agent.said.getvalue, "running...", turn + 1)
-        assert one.open() == 0
+        assert client.open() == 0
         if not turn:
-            one.writer("n", "rt/a", TYPE)
+            client.writer("n", "rt/a", TYPE)
         device.unplug()
         wait_for(agent.said.getvalue, "device lost", turn + 1)
     assert len(agent.agent.clients) == 1
@@ -222,7 +222,7 @@ def test_a_device_by_a_file_with_its_name(device, serial, tmp_path):
 
 
 @pytest.mark.parametrize("content", [b"\xff\xfe\0", b"", b"\n"])
-def test_a_file_that_holds_no_name(serial, tmp_path, content):
+def test_a_file_without_a_device_name(serial, tmp_path, content):
     file = tmp_path / "name"
     file.write_bytes(content)
     agent = serial(file, is_file=True)
@@ -231,28 +231,28 @@ def test_a_file_that_holds_no_name(serial, tmp_path, content):
 
 @pytest.mark.parametrize("kind", ["endless", "pipe"])
 def test_a_file_that_never_ends_or_never_begins(serial, tmp_path, kind):
-    """The agent's one thread neither waits for it nor reads all of it."""
+    """The thread of the agent neither waits for the file nor reads all of it."""
     file = tmp_path / "name"
     os.mkfifo(file) if kind == "pipe" else file.symlink_to("/dev/zero")
     agent = serial(file, is_file=True)
     wait_for(agent.said.getvalue, f"device: {file}, errno: ")
-    # A `pipe` is looked into again and again; reading from it once more must not wait either.
+    # A `pipe` is read again and again; a further read must not block either.
     agent.stop()
     assert not agent.thread.is_alive()
 
 
 @pytest.mark.parametrize("kind", ["folder", "file"])
-def test_what_is_no_serial_device(serial, tmp_path, kind):
+def test_a_path_that_is_no_serial_device(serial, tmp_path, kind):
     path = tmp_path / "thing"
     path.mkdir() if kind == "folder" else path.write_text("")
     agent = serial(path)
     wait_for(agent.said.getvalue, "this is not a serial device")
 
 
-def test_a_device_that_another_agent_has(device, serial):
+def test_a_device_that_another_agent_has_open(device, serial):
     device.plug()
-    with open(device.link, "rb", buffering=0) as other:
-        fcntl.flock(other, fcntl.LOCK_EX)
+    with open(device.link, "rb", buffering=0) as other_file:
+        fcntl.flock(other_file, fcntl.LOCK_EX)
         agent = serial()
         wait_for(agent.said.getvalue, "in use by another program, perhaps a second agent")
         assert f"fuser -v {device.link}" in agent.said.getvalue()
@@ -263,11 +263,11 @@ def test_two_agents_on_one_device(device, serial):
     line = device.plug()
     first = serial()
     wait_for(first.said.getvalue, "running...")
-    one = XrceClient(line, 0x56)
-    assert one.open() == 0
+    client = XrceClient(line, 0x56)
+    assert client.open() == 0
     second = serial()
     wait_for(second.said.getvalue, "open device error")
-    assert one.ping() == 1
+    assert client.ping() == 1
 
 
 def test_the_line_is_set_up_raw(device, serial):
@@ -310,7 +310,7 @@ server.run()
 
 
 @pytest.mark.skipif(os.getuid() != 0, reason="not on this platform: only root can become another")
-def test_errno_13_says_what_to_do(tmp_path):
+def test_errno_13_names_the_remedy(tmp_path):
     master, slave = os.openpty()
     try:
         device = os.ttyname(slave)
@@ -334,14 +334,14 @@ def test_errno_13_says_what_to_do(tmp_path):
 # --- options -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("make", [lambda it: SerialServer("/dev/x", it), PseudoTerminalServer])
+@pytest.mark.parametrize("make", [lambda baud: SerialServer("/dev/x", baud), PseudoTerminalServer])
 @pytest.mark.parametrize("rate", [0, -1, 10**9])
-def test_a_baud_rate_that_does_not_exist(make, rate):
+def test_an_invalid_baud_rate_is_refused(make, rate):
     with pytest.raises(TransportError, match=f"baud rate {rate} does not exist: 1 to"):
         make(rate)
 
 
-def test_a_rate_of_no_name_and_modem_lines_that_a_line_has_not(device, serial):
+def test_a_custom_rate_and_modem_lines_that_a_line_lacks(device, serial):
     line = device.plug()
     agent = serial(baud=250_000, dtr=True, rts=False)
     assert XrceClient(line, 0x57).open() == 0
@@ -351,14 +351,12 @@ def test_a_rate_of_no_name_and_modem_lines_that_a_line_has_not(device, serial):
     )
 
 
-def test_modem_lines_are_set_and_a_device_that_fails_there_is_waited_for(
-    device, serial, monkeypatch
-):
-    asked = []
+def test_modem_lines_are_set_and_a_device_that_refuses_is_awaited(device, serial, monkeypatch):
+    calls = []
 
     def lines(fd, dtr, rts):
-        asked.append((dtr, rts))
-        if len(asked) == 1:
+        calls.append((dtr, rts))
+        if len(calls) == 1:
             raise OSError(errno.EIO, "gone again")
         return ""
 
@@ -367,11 +365,11 @@ def test_modem_lines_are_set_and_a_device_that_fails_there_is_waited_for(
     agent = serial(dtr=False)
     wait_for(agent.said.getvalue, "running...")
     assert XrceClient(line, 0x58).open() == 0
-    assert asked == [(False, None)] * 2
+    assert calls == [(False, None)] * 2
     assert "open device error" in agent.said.getvalue()
 
 
-def test_what_a_board_said_before_the_agent_came_is_not_answered(device, serial):
+def test_bytes_from_before_the_agent_opened_the_device_are_dropped(device, serial):
     line = device.plug()
     line.send(message([get_info(request=1)], 0, 0, 0x80))
     line.send_raw(framed(PING)[:-3])
@@ -384,12 +382,12 @@ def test_what_a_board_said_before_the_agent_came_is_not_answered(device, serial)
 
 
 def test_counters_of_a_line(agent):
-    one = board(agent)
+    client = board(agent)
     line = agent.transport.line
     before = line.frames
-    one.line.send_raw(framed(PING)[:-2] + b"\0\0")
-    one.line.send_raw(framed(PING, 1, 9))
-    assert one.ping() == 1
+    client.line.send_raw(framed(PING)[:-2] + b"\0\0")
+    client.line.send_raw(framed(PING, 1, 9))
+    assert client.ping() == 1
     assert (line.crc_errors, line.foreign, line.frames) == (1, 1, before + 1)
     wait_for(agent.said.getvalue, "CRC errors: 1 of ")
     wait_for(agent.said.getvalue, "frames (noise, or a wrong baud rate?)")
@@ -406,7 +404,7 @@ def test_a_system_without_pseudo_terminals(monkeypatch):
         PseudoTerminalServer()
 
 
-def test_what_opens_a_device():
+def test_the_server_class_for_each_device():
     kinds = {
         "/dev/ttyUSB0": "SerialServer",
         "socket://127.0.0.1:3333": "SocketLineServer",

@@ -17,13 +17,13 @@ from uros.agent.transports.sockets import SocketLineServer, StreamListener, tcp_
 
 @pytest.fixture
 def host():
-    one = BareHost()
-    yield one
-    one.close()
+    bare_host = BareHost()
+    yield bare_host
+    bare_host.close()
 
 
 class Board:
-    """Where the agent connects to, over TCP or a Unix socket."""
+    """The peer that the agent connects to, over TCP or a Unix socket."""
 
     def __init__(self, family, folder):
         self.family = family
@@ -44,7 +44,7 @@ class Board:
         self.sock = self.listener.accept()[0]
         return SerialLine(self.sock.fileno(), owned=False)
 
-    def gone(self):
+    def close(self):
         for sock in (self.listener, self.sock):
             if sock is not None:
                 sock.close()
@@ -56,14 +56,14 @@ class Board:
 
 @pytest.fixture(params=["AF_INET", "AF_UNIX"])
 def board(request, tmp_path):
-    one = Board(getattr(socket, request.param), tmp_path)
-    one.listen()
-    yield one
-    one.gone()
+    peer = Board(getattr(socket, request.param), tmp_path)
+    peer.listen()
+    yield peer
+    peer.close()
 
 
 def exchange(host, server, line, text):
-    """A message there and one back."""
+    """Exchange a message in both directions."""
     line.send(text)
     host.until(lambda: host.messages and host.messages[-1] == (1, text), text)
     server.send(1, text[::-1])
@@ -77,9 +77,9 @@ def test_connecting_and_coming_back(host, board):
     exchange(host, server, board.accept(), b"first")
     assert server.address(1) == "the line (1)"
     for turn in range(3):
-        board.gone()
+        board.close()
         host.until(lambda turn=turn: host.said().count("device lost") > turn)
-        host.fire()  # nobody listens
+        host.fire()  # no socket listens
         host.until(lambda turn=turn: host.said().count("waiting for device") > turn)
         board.listen()
         host.fire()
@@ -89,7 +89,7 @@ def test_connecting_and_coming_back(host, board):
     assert board.sock.recv(10) == b""
 
 
-def test_who_is_not_there_is_waited_for_and_said_once(host):
+def test_a_missing_peer_is_awaited_and_logged_once(host):
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     server = tcp_line(f"socket://127.0.0.1:{port}")
@@ -110,40 +110,40 @@ def test_who_is_not_there_is_waited_for_and_said_once(host):
 
 
 class Silent(socket.socket):
-    """Its connecting never ends."""
+    """A socket whose connect never completes."""
 
     def __init__(self):
         super().__init__(socket.AF_INET, socket.SOCK_STREAM)
         self.bind(("127.0.0.1", 0))
-        self.listen()  # quiet for the selector, and not connected
+        self.listen()  # never readable, and not connected
 
     def connect_ex(self, address):
         return errno.EINPROGRESS
 
 
-def test_who_does_not_answer_is_given_up_and_tried_again(host):
-    made = []
+def test_a_connect_that_does_not_complete_is_abandoned_and_retried(host):
+    sockets = []
 
     def make():
-        made.append(Silent())
-        return made[-1]
+        sockets.append(Silent())
+        return sockets[-1]
 
     server = SocketLineServer("the line", make, None, socket_trouble)
     server.open(host)
     host.turn()
-    assert [it[0] for it in host.calls] == [module.PATIENCE]
+    assert [call[0] for call in host.calls] == [module.PATIENCE]
     host.fire()
-    assert "the machine does not answer" in host.said() and made[0].fileno() == -1
+    assert "the machine does not answer" in host.said() and sockets[0].fileno() == -1
     host.fire()
-    assert len(made) == 2 and made[1].fileno() >= 0
+    assert len(sockets) == 2 and sockets[1].fileno() >= 0
     server.close()
-    assert made[1].fileno() == -1
+    assert sockets[1].fileno() == -1
     host.fire()
-    assert len(made) == 2
+    assert len(sockets) == 2
 
 
 @pytest.mark.parametrize("call", ["make", "connect"])
-def test_errors_of_opening_say_what_to_do_and_are_tried_again(host, board, call):
+def test_errors_of_opening_name_the_remedy_and_are_retried(host, board, call):
     errors = [errno.EAFNOSUPPORT, errno.ENETUNREACH]
 
     class Failing(socket.socket):
@@ -177,7 +177,7 @@ def test_errors_of_opening_say_what_to_do_and_are_tried_again(host, board, call)
         ("socket://" + "a" * 70 + ":1", "cannot be resolved"),
     ],
 )
-def test_what_is_no_line(url, why):
+def test_invalid_lines_are_refused(url, why):
     with pytest.raises(TransportError, match=why):
         tcp_line(url)
 
@@ -195,12 +195,12 @@ def connect(server):
     return sock, SerialLine(sock.fileno(), owned=False)
 
 
-def heard(host, line, peer, text):
+def check_received(host, line, peer, text):
     line.send(text)
     host.until(lambda: (peer, text) in host.messages, text)
 
 
-def test_lines_of_many_and_the_same_addresses_on_each(host):
+def test_many_lines_with_the_same_addresses(host):
     names = iter(["one", "two"])
     server = listener(name_of=lambda address: next(names))
     server.open(host)
@@ -209,7 +209,7 @@ def test_lines_of_many_and_the_same_addresses_on_each(host):
         sock, line = connect(server)
         socks.append((sock, line, name))
         host.until(lambda name=name: name in server.lines)
-        heard(host, line, (name, 1), b"I am " + name.encode())
+        check_received(host, line, (name, 1), b"I am " + name.encode())
     for _, line, name in socks:
         server.send((name, 1), b"you are " + name.encode())
         assert line._read() == [b"you are " + name.encode()]
@@ -217,25 +217,27 @@ def test_lines_of_many_and_the_same_addresses_on_each(host):
     assert server.address(("one", 1)) == "one (1)"
     server.send(("nobody", 1), b"lost")
     server.close()
-    server.close()  # twice is once
+    server.close()  # close() is idempotent
     for sock, _, _ in socks:
         assert sock.recv(10) == b""
         sock.close()
 
 
-def test_who_comes_back_under_its_name_goes_on_and_replaces_what_was(host):
+def test_a_reconnection_under_the_same_name_replaces_the_line(host):
     server = listener()
     server.open(host)
     first, line = connect(server)
-    heard(host, line, ("board", 1), b"first")
+    check_received(host, line, ("board", 1), b"first")
     first.close()
     host.until(lambda: "connection lost" in host.said())
     assert server.lines["board"].stream is None
     server.send(("board", 1), b"lost")
     second, line = connect(server)
-    heard(host, line, ("board", 1), b"second")
-    third, line = connect(server)  # the second was cut off, and nobody has noticed yet
-    heard(host, line, ("board", 1), b"third")
+    check_received(host, line, ("board", 1), b"second")
+    third, line = connect(
+        server
+    )  # the second connection was cut, which neither end has detected yet
+    check_received(host, line, ("board", 1), b"third")
     server.send(("board", 1), b"for the third")
     assert line._read() == [b"for the third"]
     assert second.recv(10) == b""
@@ -245,7 +247,7 @@ def test_who_comes_back_under_its_name_goes_on_and_replaces_what_was(host):
         sock.close()
 
 
-def test_there_are_no_more_connections_than_there_may_be(host, monkeypatch):
+def test_the_number_of_connections_is_limited(host, monkeypatch):
     monkeypatch.setattr(module, "MAX_CONNECTIONS", 2)
     numbers = iter(range(100))
     server = listener(name_of=lambda address: str(next(numbers)))
@@ -255,9 +257,9 @@ def test_there_are_no_more_connections_than_there_may_be(host, monkeypatch):
     assert "over 2 connections" in host.said()
     assert sum(1 for line in server.lines.values() if line.stream) == 2
     socks.pop().close()
-    for _ in range(10):  # those who have left are not remembered for ever
+    for _ in range(10):  # closed lines are not kept for ever
         socks.pop(0).close()
-        host.until(lambda: any(it.stream is None for it in server.lines.values()))
+        host.until(lambda: any(connection.stream is None for connection in server.lines.values()))
         sock, line = connect(server)
         socks.append(sock)
         count = len(host.messages)
@@ -280,7 +282,7 @@ def test_noise_on_one_connection(host):
 
 
 class Pulled(socket.socket):
-    """A listening socket whose adapter is pulled out."""
+    """A listening socket whose adapter is removed."""
 
     def accept(self):
         raise OSError(errno.ENODEV, "injected")
@@ -292,25 +294,25 @@ def test_a_listening_socket_that_fails_is_opened_anew(host):
     server.open(host)
     sock, _ = connect(server)
     host.until(lambda: "cannot listen" in host.said())
-    assert server._socket is None and [it[0] for it in host.calls] == [module.RETRY]
+    assert server._socket is None and [call[0] for call in host.calls] == [module.RETRY]
     sock.close()
     host.fire()
     sock, line = connect(server)
-    heard(host, line, ("board", 1), b"hello")
+    check_received(host, line, ("board", 1), b"hello")
     server.close()
     sock.close()
 
 
-def test_a_listening_socket_that_cannot_be_had_is_tried_again(host):
-    taken = socket.create_server(("127.0.0.1", 0))
+def test_a_listening_socket_that_cannot_be_opened_is_retried(host):
+    port_owner = socket.create_server(("127.0.0.1", 0))
     server = StreamListener(
-        "here", lambda: socket.socket(socket.AF_INET, socket.SOCK_STREAM), taken.getsockname(),
+        "here", lambda: socket.socket(socket.AF_INET, socket.SOCK_STREAM), port_owner.getsockname(),
         str, socket_trouble,
     )  # fmt: skip
     server.open(host)
     host.fire()
     assert host.said().count(f"cannot listen | here, errno: {errno.EADDRINUSE}") == 1
-    taken.close()
+    port_owner.close()
     host.fire()
     assert "running..." in host.said()
     server.close()

@@ -1,4 +1,4 @@
-"""Opening a device: what is set, what is dropped, and the modem lines."""
+"""Opening a device: its settings, earlier input, and the modem lines."""
 
 import errno
 import fcntl
@@ -26,7 +26,7 @@ def device():
     os.close(slave)
 
 
-def test_what_is_set(device):
+def test_the_terminal_settings(device):
     attributes = termios.tcgetattr(device[1])
     attributes[2] |= termios.HUPCL | termios.PARENB | termios.CSTOPB
     attributes[3] |= termios.ECHO | termios.ICANON
@@ -45,7 +45,7 @@ def test_what_is_set(device):
         os.close(fd)
 
 
-def test_what_came_before_is_dropped(device):
+def test_earlier_input_is_dropped(device):
     os.write(device[0], b"stale")
     fd = open_device(device[2], 115200)
     try:
@@ -58,7 +58,7 @@ def test_what_came_before_is_dropped(device):
         os.close(fd)
 
 
-def test_what_fails_leaves_nothing_open(device, monkeypatch):
+def test_a_failed_open_leaves_no_descriptor_open(device, monkeypatch):
     def refuse(fd, rate):
         raise BaudRateError(errno.EINVAL, f"descriptor {fd}")
 
@@ -73,8 +73,8 @@ def test_what_fails_leaves_nothing_open(device, monkeypatch):
 
 
 def test_a_pseudo_terminal_has_no_modem_lines_and_works_without(device):
-    said = set_modem_lines(device[1], True, False)
-    assert said == "dtr and rts as they are: this line has none"
+    text = set_modem_lines(device[1], True, False)
+    assert text == "dtr and rts as they are: this line has none"
     assert set_modem_lines(device[1], None, None) == ""
 
 
@@ -102,7 +102,7 @@ class Uart:
     [
         (None, None, DTR | RTS, 0),
         (True, True, DTR | RTS, 1),
-        (False, False, 0, 1),  # in one call: an ESP32 is reset by one before the other
+        (False, False, 0, 1),  # in one call: changing one line first resets an ESP32
         (False, None, RTS, 1),
         (True, False, DTR, 2),
         (None, True, DTR | RTS, 1),
@@ -115,7 +115,7 @@ def test_modem_lines(monkeypatch, dtr, rts, lines, calls):
     assert (uart.lines, uart.calls) == (lines, calls)
 
 
-def test_a_device_that_is_gone_is_an_error(monkeypatch):
+def test_a_removed_device_is_an_error(monkeypatch):
     monkeypatch.setattr(fcntl, "ioctl", Uart(errno.EIO))
     with pytest.raises(OSError):
         set_modem_lines(0, True, None)
@@ -123,5 +123,5 @@ def test_a_device_that_is_gone_is_an_error(monkeypatch):
 
 def test_reasons():
     assert reason("/dev/x", OSError(errno.ENOENT, "")).startswith("errno: 2, it is not there")
-    gone = termios.error(errno.ENOTTY, "x")
-    assert reason("/dev/x", gone) == "errno: 25, this is not a serial device"
+    removed_error = termios.error(errno.ENOTTY, "x")
+    assert reason("/dev/x", removed_error) == "errno: 25, this is not a serial device"

@@ -1,4 +1,4 @@
-"""Bad datagrams against a real UDP server. After each, other clients go on as before."""
+"""Bad datagrams for a real UDP server; other clients are served after each of them."""
 
 import random
 import socket
@@ -56,7 +56,7 @@ def agent():
 
 
 class Villain:
-    """A client that sends what it likes, over a line of its own or one that is given."""
+    """A client that sends arbitrary datagrams, over a line of its own or over ``line``."""
 
     def __init__(self, agent, session_id=0x81, line=None):
         self.line = line or agent.line()
@@ -75,13 +75,13 @@ class Villain:
 
 @pytest.fixture
 def villain(agent, bystanders):
-    one = Villain(agent)
-    one.send(*EVERYTHING)
-    yield one
+    attacker = Villain(agent)
+    attacker.send(*EVERYTHING)
+    yield attacker
     bystanders.check()
     # The client itself can connect again. It does so from its own address: from another one the
     # agent would probe the known address for half a second first.
-    again = Villain(agent, session_id=0x82, line=one.line)
+    again = Villain(agent, session_id=0x82, line=attacker.line)
     assert again.client.delete(PARTICIPANT) in (0, ids.STATUS_ERR_UNKNOWN_REFERENCE)
     assert again.client.close() == ids.STATUS_OK
 
@@ -147,11 +147,11 @@ def test_over_64_kilobytes_towards_a_client(villain, bystanders, agent):
     assert reader.close() == 0
 
 
-def test_a_fragment_that_never_ends(villain, agent):
+def test_an_endless_fragmented_message(villain, agent):
     part = fragment(bytes(65_400))
     for _ in range(MAX_MESSAGE // 65_400 + 3):
         villain.send(part)
-        if villain.sequence % 16 == 0:  # not more than the socket holds
+        if villain.sequence % 16 == 0:  # no more than the socket buffer holds
             assert villain.client.ping() == 1
     assert villain.client.ping() == 1
     session = agent.agent.clients[KEY].session
@@ -230,8 +230,8 @@ def test_every_kind_and_flag(villain):
             assert villain.client.ping() == 1
 
 
-def test_reordered_and_doubled_samples_arrive_in_order_once(agent, villain, bystanders):
-    """A reliable stream is whole whatever the network does to its datagrams."""
+def test_reordered_and_duplicate_samples_arrive_in_order_once(agent, villain, bystanders):
+    """A reliable stream delivers everything although the network reorders and repeats datagrams."""
     client = XrceClient(agent.line(), KEY + 3)
     assert client.open() == 0
     writer = client.writer("shuffler", "rt/shuffled", TYPE)
@@ -250,13 +250,13 @@ def test_reordered_and_doubled_samples_arrive_in_order_once(agent, villain, byst
         rng.shuffle(burst)
         for datagram in burst:
             client.line.send(datagram)
-        got = [subscriber.sample(reader) for _ in range(16)]
-        assert got == [(base + i).to_bytes(4, "big") for i in range(16)]
+        samples = [subscriber.sample(reader) for _ in range(16)]
+        assert samples == [(base + i).to_bytes(4, "big") for i in range(16)]
     assert not subscriber.samples[reader]
     assert subscriber.delete(reader) == 0
 
 
-def test_best_effort_samples_are_never_old_or_doubled(agent, bystanders):
+def test_best_effort_samples_are_never_old_or_duplicate(agent, bystanders):
     client = XrceClient(agent.line(), KEY + 4)
     assert client.open() == 0
     writer = client.writer("shuffler", "rt/best", TYPE)
@@ -282,7 +282,7 @@ SUBMESSAGES = [
     fragment(b"abcd", True), sub(ids.RESET), sub(ids.TIMESTAMP, bytes(8)),
     write_data(REPLIER, bytes(32)), delete(ids.OBJECT_CLIENT),
 ]  # fmt: skip
-SEEDS = [message([it], 0x80, 1) for it in SUBMESSAGES] + [
+SEEDS = [message([submessage], 0x80, 1) for submessage in SUBMESSAGES] + [
     create_client(KEY), create_client(KEY, 0x05), message([get_info()], 0, 0, 0x80),
 ]  # fmt: skip
 
