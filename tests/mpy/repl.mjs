@@ -1,14 +1,15 @@
-// A board's console for repl.py: MicroPython's own REPL and raw REPL (WebAssembly), whose line is
-// stdin and stdout. What is modelled is the rest of a board: a soft reset is a new interpreter, the
-// flash is /flash, boot.py and main.py there are started as boards start them, and raw paste, for
-// which this build has no input, hands its code to the raw REPL.
+// A board's console for repl.py: the REPL and raw REPL of MicroPython (WebAssembly) on stdin and
+// stdout. This program models the rest of a board: a soft reset creates a new interpreter, the flash
+// is the folder /flash, and boot.py and main.py run at the start. This build has no raw paste; its
+// code is passed to the raw REPL.
 //
 //   node repl.mjs MODULE PASTE
 //
-// PASTE is 1, 0 for a board that knows raw paste and has none, "old" for one that does not know it.
+// PASTE is 1 for a board with raw paste, 0 for a board that refuses raw paste, "old" for a board
+// that does not know the request.
 //
-// A program imports `hw`: hw.wait() blocks until an octet comes over the line and returns it, as a
-// sleep does on a board that Ctrl-C interrupts; hw.wait_deaf() does not let itself be interrupted.
+// Programs can import `hw`: hw.wait() blocks until an octet arrives on the line and returns it;
+// Ctrl-C interrupts it, as a sleep on a board. Ctrl-C does not interrupt hw.wait_deaf().
 
 import { readSync, writeSync } from "node:fs";
 import { pathToFileURL } from "node:url";
@@ -20,7 +21,7 @@ const WINDOW = 128;
 
 let muted = false;
 let raw = false;
-let skipped = 0; // so many octets are not to be seen
+let skipped = 0; // octets of output that are still to be dropped
 
 function out(bytes) {
   let rest = muted ? Buffer.alloc(0) : Buffer.from(bytes);
@@ -30,7 +31,7 @@ function out(bytes) {
   while (rest.length) rest = rest.subarray(writeSync(1, rest));
 }
 
-// This build numbers errors as WASI does, and boards as Linux does, which mpremote looks at.
+// This build has the error numbers of WASI, boards those of Linux, which mpremote evaluates.
 const LINUX_ERRORS = `
 def linux():
     import builtins, os, sys
@@ -44,8 +45,8 @@ def linux():
     class Module: pass
     module = Module()
     for name in dir(os):
-        it = getattr(os, name)
-        setattr(module, name, numbered(it) if name in LIST else it)
+        value = getattr(os, name)
+        setattr(module, name, numbered(value) if name in LIST else value)
     sys.modules["os"] = module
     builtins.open = numbered(open)
 LIST = ("stat", "remove", "rename", "mkdir", "rmdir", "chdir", "ilistdir", "listdir", "statvfs")
@@ -53,13 +54,13 @@ linux()
 del linux, LIST
 `;
 
-const one = Buffer.alloc(1);
+const received = Buffer.alloc(1);
 function octet() {
-  if (!readSync(0, one, 0, 1, null)) process.exit(0); // the test is over
-  return one[0];
+  if (!readSync(0, received, 0, 1, null)) process.exit(0); // the test has ended
+  return received[0];
 }
 
-// What the flash holds, out of one interpreter and into the next one.
+// Returns the folders and files of the flash, which the next interpreter gets.
 function tree(FS, folder, files = []) {
   for (const name of FS.readdir(folder)) {
     if (name === "." || name === "..") continue;
@@ -73,7 +74,7 @@ function tree(FS, folder, files = []) {
 }
 
 async function boot(files) {
-  // Lines end on boards as terminals want them.
+  // Boards end lines with CR LF.
   const lined = (bytes) => out(bytes[0] === 10 ? [13, 10] : bytes);
   let cooked = true;
   const python = await loadMicroPython({
@@ -103,7 +104,7 @@ async function boot(files) {
       out(Buffer.from(error.message.replaceAll("\n", "\r\n")));
     }
   }
-  cooked = false; // the REPL does that itself, but for what code prints
+  cooked = false; // the REPL ends lines so itself, except in the output of programs
   muted = raw;
   python.replInit();
   muted = false;
@@ -111,15 +112,17 @@ async function boot(files) {
   return python;
 }
 
-// What follows Ctrl-E in the raw REPL.
+// Handles raw paste: Ctrl-E in the raw REPL, followed by "A" and Ctrl-A.
 function paste() {
-  const rest = [octet(), octet()];
+  octet();
+  octet();
   if (PASTE === "0") {
     out([82, 0]);
     return;
   }
   if (PASTE === "old") {
-    python.replProcessChar(CTRL_A); // the others are code to it, which this drops
+    // Such a board takes Ctrl-E and "A" as code, which Ctrl-A drops.
+    python.replProcessChar(CTRL_A);
     return;
   }
   out([82, 1, WINDOW, 0]);

@@ -1,11 +1,11 @@
-// Runs MicroPython as WebAssembly for harness.py: one JSON request a line on stdin, one JSON
-// answer a line on stdout.
+// Runs MicroPython as WebAssembly for harness.py. Each line on stdin is a JSON request, each line on
+// stdout its JSON answer.
 //
-//   {"do": "write", "path": P, "base64": B}  a file in MicroPython's file system
-//   {"do": "run", "source": S}               a piece of Python, in __main__
-//   {"do": "heap"}                           bytes that are alive on its heap
+//   {"do": "write", "path": P, "base64": B}  write a file in MicroPython's file system
+//   {"do": "run", "source": S}               run Python code in __main__
+//   {"do": "heap"}                           collect garbage; bytes in use on the heap
 //
-// An answer is {"output": what was printed, "error": the traceback or null, "heap": a number}.
+// An answer is {"output": the printed text, "error": the traceback or null, "heap": a number}.
 
 import { createInterface } from "node:readline";
 import { pathToFileURL } from "node:url";
@@ -32,8 +32,8 @@ function run({ source }) {
   return {};
 }
 
-// This build sweeps its heap only when a call has come back to JavaScript, so asking and reading
-// are two calls.
+// This build sweeps its heap only when a call returns to JavaScript, so the collection and the
+// measurement are two calls.
 function heap() {
   python.runPython("import gc; gc.collect()");
   python.runPython("import gc; _heap_in_use = gc.mem_alloc()");
