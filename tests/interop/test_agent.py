@@ -134,7 +134,7 @@ def test_each_boards_node_has_only_its_own_publishers(agent, peer):
     with board(agent, "rclc_int32_publisher"), board(agent, "rclc_image"):
         for name, topic, type_name in expected.values():
             node = peer.do("node", namespace="/", name=name, publishers={topic: type_name})
-            own = set(node["publishers"]) & {other for _, other, _ in expected.values()}
+            own = set(node["publishers"]) & {published for _, published, _ in expected.values()}
             assert own == {topic}, node
     for name, _, _ in expected.values():
         assert peer.do("gone", namespace="/", name=name)["gone"]
