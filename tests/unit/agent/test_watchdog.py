@@ -1,4 +1,4 @@
-"""A data plane that hangs is told of, with the place and what to do; one that sleeps is not."""
+"""A data plane that hangs is logged with the place and the remedy; one that sleeps is not."""
 
 import os
 import signal
@@ -24,8 +24,8 @@ class Log:
         self.lines = []
         self.closed = False
 
-    def warning(self, part, function, what, about):
-        self.lines.append(f"{what}: {about}")
+    def warning(self, part, function, event, about):
+        self.lines.append(f"{event}: {about}")
 
     error = warning
 
@@ -34,7 +34,7 @@ class Log:
 
 
 class Bench:
-    """A watchdog without a thread; time is what the test says."""
+    """A watchdog without a thread, whose time the test sets."""
 
     def __init__(self):
         self.server = SimpleNamespace(
@@ -47,7 +47,7 @@ class Bench:
         self.now = 100.0
 
     def passes(self, seconds, turns=0, asleep=False):
-        """What it says meanwhile; it checks twice a second."""
+        """Let time pass, with two checks a second; return the lines logged meanwhile."""
         self.log.lines.clear()
         self.server.asleep = asleep
         for _ in range(int(seconds * 2)):
@@ -62,14 +62,14 @@ def bench():
     return Bench()
 
 
-def test_who_works_or_sleeps_does_not_hang(bench):
+def test_a_data_plane_that_works_or_sleeps_does_not_hang(bench):
     assert bench.passes(10, turns=1) == []
     assert bench.passes(1000, asleep=True) == []
     assert bench.passes(1.5) == []
     assert bench.passes(10, turns=7) == []
 
 
-def test_a_hang_is_told_once_with_its_place_and_its_end(bench):
+def test_a_hang_is_logged_once_with_its_place_and_its_end(bench):
     bench.passes(1, turns=1)
     (line,) = bench.passes(20)
     assert line.startswith("the data plane hangs: since 2.0 s in ")
@@ -80,20 +80,20 @@ def test_a_hang_is_told_once_with_its_place_and_its_end(bench):
     assert "hangs" in line
 
 
-def test_falling_asleep_is_going_on(bench):
+def test_a_data_plane_that_sleeps_after_a_hang_goes_on(bench):
     bench.passes(1, turns=1)
     bench.passes(3)
     assert "goes on" in bench.passes(1, asleep=True)[0]
 
 
-def test_a_process_that_stood_still_is_told_of_afterwards_and_is_no_hang(bench):
+def test_a_process_that_was_stopped_is_logged_afterwards_and_is_no_hang(bench):
     bench.passes(1, turns=1)
     bench.now += 3600
     (line,) = bench.passes(1)
     assert line.startswith("the process stood still: for 3600.5 s") and "suspended" in line
 
 
-def test_an_end_that_hangs_is_forced(bench):
+def test_a_shutdown_that_hangs_is_forced(bench):
     bench.passes(1, turns=1)
     bench.server.stopping = True
     assert bench.passes(8)[0].startswith("the data plane hangs")
@@ -102,7 +102,7 @@ def test_an_end_that_hangs_is_forced(bench):
     assert bench.left[0] == 1 and bench.log.closed
 
 
-def test_an_end_that_takes_long_step_by_step_is_not(bench):
+def test_a_long_shutdown_that_makes_progress_is_not_forced(bench):
     bench.server.stopping = True
     assert bench.passes(60, turns=1) == [] and not bench.left
 
@@ -116,45 +116,47 @@ def test_an_end_that_takes_long_step_by_step_is_not(bench):
         ("uros/agent/objects/ros_graph.py", "please report it"),
     ],
 )
-def test_the_place_is_the_innermost_of_ours_and_the_remedy_is_its_rooms(file, remedy):
+def test_the_place_is_the_innermost_frame_of_uros_and_the_remedy_is_that_of_its_package(
+    file, remedy
+):
     frames = []
     inner = compile("def poll(): frames.append(sys._getframe())\npoll()", "/usr/lib/x.py", "exec")
     outer = compile("def write(): exec(inner, there)\nwrite()", f"/opt/{file}", "exec")
     exec(outer, {"inner": inner, "there": {"frames": frames, "sys": sys}})
-    where, what = standing(frames[0])
-    assert remedy in what
+    where, advice = standing(frames[0])
+    assert remedy in advice
     assert where.startswith("poll (x.py:1)") and f"write ({file[5:]}:1)" in where
 
 
-def test_a_thread_that_is_gone():
+def test_a_thread_that_has_ended():
     assert standing(None)[0] == "a thread that has ended"
 
 
 def test_a_middleware_that_hangs_in_a_real_agent(monkeypatch):
-    """And everybody is served when it comes back."""
-    hang, there = threading.Event(), threading.Event()
+    """All clients are served when the call returns."""
+    hang, hanging = threading.Event(), threading.Event()
     write = MemoryWriter.write
 
     def stuck(self, cdr):
         if "stuck" in self._key[1]:
-            there.set()
+            hanging.set()
             hang.wait(SECONDS)
         return write(self, cdr)
 
     monkeypatch.setattr(MemoryWriter, "write", stuck)
-    with running() as one:
-        dog = Watchdog(one.server, one.agent.log, hang=0.1, interval=0.02)
+    with running() as agent_run:
+        dog = Watchdog(agent_run.server, agent_run.agent.log, hang=0.1, interval=0.02)
         dog.start()
         try:
-            bad, good = one.client(1), one.client(2)
+            bad, good = agent_run.client(1), agent_run.client(2)
             writer = bad.writer("a", "rt/stuck", TYPE)
             bad._put(ids_of(writer)[0], ids_of(writer)[1], 0x80, 1)
-            assert there.wait(SECONDS)
-            wait_for(one.said.getvalue, "the data plane hangs")
-            assert "wait (threading.py:" in one.said.getvalue()
-            assert "write (agent/objects/endpoints.py:" in one.said.getvalue()
+            assert hanging.wait(SECONDS)
+            wait_for(agent_run.said.getvalue, "the data plane hangs")
+            assert "wait (threading.py:" in agent_run.said.getvalue()
+            assert "write (agent/objects/endpoints.py:" in agent_run.said.getvalue()
             hang.set()
-            wait_for(one.said.getvalue, "the data plane goes on")
+            wait_for(agent_run.said.getvalue, "the data plane goes on")
             assert good.ping() == 1
         finally:
             hang.set()
@@ -169,13 +171,13 @@ def ids_of(writer):
     return ids.WRITE_DATA, b"\0\1" + writer.to_bytes(2, "big") + b"sample"
 
 
-def test_a_stopped_process_says_so_when_it_goes_on():
+def test_a_stopped_process_logs_the_stop_when_it_goes_on():
     with process("udp4", "--port", "0", "-m", "memory") as agent:
         agent.until("port: (\\d+)")
         os.kill(agent.popen.pid, signal.SIGSTOP)
         try:
             os.waitid(os.P_PID, agent.popen.pid, os.WSTOPPED)
-            # Nothing tells how long another process has stood still but the time.
+            # Only time shows how long another process has been stopped.
             threading.Event().wait(2.7)
         finally:
             os.kill(agent.popen.pid, signal.SIGCONT)

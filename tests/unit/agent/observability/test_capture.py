@@ -1,4 +1,4 @@
-"""Captures: what is in the file, two files of a size, full and slow disks, a killed agent."""
+"""Captures: file content, two files of limited size, full and slow disks, a killed agent."""
 
 import io
 import json
@@ -35,7 +35,7 @@ HUGE = 10**9
 
 
 class Named(ServerTransport):
-    """Whose peers are what ``address`` says they are."""
+    """A transport whose peers are their own addresses."""
 
     name = "TestAgent"
     kind = "TEST"
@@ -51,7 +51,7 @@ class Named(ServerTransport):
 
 
 class Desk:
-    """A capture with nothing around it."""
+    """A capture without an agent."""
 
     def __init__(self, path, limit=HUGE):
         self.said = io.StringIO()
@@ -70,32 +70,32 @@ class Desk:
 # --- what is written ----------------------------------------------------------------------------
 
 
-def test_text_has_the_lines_of_recordings_and_says_more(tmp_path):
+def test_text_captures_have_the_lines_of_recordings_and_more_fields(tmp_path):
     path = tmp_path / "one.jsonl"
     desk = Desk(path)
-    board, other = Named(), MemoryServer()
+    board, memory_server = Named(), MemoryServer()
     desk.say(transport=board, peer="/dev/ttyACM0 (1)", key=0x4B0CBE99)
     desk.say(b"answer", transport=board, peer="/dev/ttyACM0 (1)", direction=AGENT)
-    desk.say(transport=other, peer=7)
+    desk.say(transport=memory_server, peer=7)
     assert "capture closed" in desk.close()
     lines = [json.loads(line) for line in path.read_text().splitlines()]
-    assert [list(it) for it in lines] == [
+    assert [list(fields) for fields in lines] == [
         ["t", "from", "client", "transport", "address", "key", "hex"],
         ["t", "from", "client", "transport", "address", "hex"],
         ["t", "from", "client", "transport", "address", "hex"],
     ]
     assert lines[0]["key"] == "0x4B0CBE99" and lines[0]["hex"] == PING.hex()
-    assert [it["from"] for it in lines] == ["client", "agent", "client"]
-    assert [it["client"] for it in lines] == [0, 0, 1]
-    assert [it["address"] for it in lines] == ["/dev/ttyACM0 (1)"] * 2 + ["memory:7"]
+    assert [fields["from"] for fields in lines] == ["client", "agent", "client"]
+    assert [fields["client"] for fields in lines] == [0, 0, 1]
+    assert [fields["address"] for fields in lines] == ["/dev/ttyACM0 (1)"] * 2 + ["memory:7"]
     assert abs(lines[0]["t"] - time.time()) < 60
-    # The player of recorded conversations takes it as it is.
-    assert [it.data for it in load_recorded(path)] == [PING, b"answer", PING]
+    # The player of recorded conversations reads the file unchanged.
+    assert [fields.data for fields in load_recorded(path)] == [PING, b"answer", PING]
 
 
 @pytest.mark.parametrize("name", ["it.jsonl", "it.pcapng"])
-def test_it_is_for_its_owner_alone(name, tmp_path):
-    """Whatever the umask says; both files of two."""
+def test_a_capture_is_readable_by_its_owner_alone(name, tmp_path):
+    """With any umask, and for both files."""
     before = os.umask(0)
     try:
         desk = Desk(tmp_path / name, limit=1)
@@ -110,8 +110,8 @@ def test_it_is_for_its_owner_alone(name, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["it.jsonl", "it.pcapng"])
-def test_a_peer_that_is_called_by_escapes_is_so_in_plain_letters(name, tmp_path):
-    """As the name in a client's certificate is."""
+def test_escapes_in_the_name_of_a_peer_are_escaped_again(name, tmp_path):
+    """The name in a client's certificate is shown in this way too."""
     desk = Desk(tmp_path / name)
     desk.say(peer="192.0.2.7:1 (CN=\x1b[2J\r\n\u202eleft\udc80)")
     desk.close()
@@ -132,23 +132,23 @@ def test_pcapng_by_an_independent_reader(tmp_path):
     desk.say(transport=serial, peer="/dev/ttyACM0 (2)", direction=AGENT)
     desk.say(transport=six, peer=("::1", 5, 0, 0))
     desk.close()
-    found = packets(path)
-    assert all(it.checksums_good for it in found)
-    assert [(it.source, it.destination, it.payload) for it in found] == [
+    decoded = packets(path)
+    assert all(packet.checksums_good for packet in decoded)
+    assert [(packet.source, packet.destination, packet.payload) for packet in decoded] == [
         (("192.0.2.7", 2018), ("192.0.2.1", 8888), PING),
         (("192.0.2.1", 8888), ("192.0.2.7", 2018), b"odd"),
         (("127.2.0.1", 8888), ("127.0.0.1", 8888), PING),
         (("127.0.0.1", 8888), ("127.2.0.2", 8888), PING),
         (("::1", 5), ("::1", 9999), PING),
     ]
-    assert [it.comment for it in found] == [
+    assert [packet.comment for packet in decoded] == [
         "UDPv4Agent 192.0.2.7:2018 key 0x4B0CBE99", "UDPv4Agent 192.0.2.7:2018",
         "TestAgent /dev/ttyACM0 (1)", "TestAgent /dev/ttyACM0 (2)", "UDPv6Agent [::1]:5",
     ]  # fmt: skip
-    assert [it.outbound for it in found] == [False, True, False, True, False]
+    assert [packet.outbound for packet in decoded] == [False, True, False, True, False]
     names = ["UDPv4Agent"] * 2 + ["TestAgent"] * 2 + ["UDPv6Agent"]
-    assert [it.interface for it in found] == names
-    assert all(abs(float(it.time) - time.time()) < 60 for it in found)
+    assert [packet.interface for packet in decoded] == names
+    assert all(abs(float(packet.time) - time.time()) < 60 for packet in decoded)
 
 
 @pytest.mark.parametrize("size", [0, 1, 2, 3, 4, 511, 1472, 20_001, MAX_PAYLOAD])
@@ -158,14 +158,16 @@ def test_payloads_of_any_size_have_good_checksums(tmp_path, size):
     for fill in (b"\0", b"\xff", b"\x5a"):
         desk.say(fill * size)
     desk.close()
-    assert [it.message for it in read(path)] == [f * size for f in (b"\0", b"\xff", b"\x5a")]
-    if size:  # of an empty one tshark shows no payload
-        found = packets(path)
-        assert all(it.checksums_good for it in found)
-        assert [len(it.payload) for it in found] == [size] * 3
+    assert [record.message for record in read(path)] == [
+        f * size for f in (b"\0", b"\xff", b"\x5a")
+    ]
+    if size:  # tshark shows no payload for an empty message
+        decoded = packets(path)
+        assert all(record.checksums_good for record in decoded)
+        assert [len(record.payload) for record in decoded] == [size] * 3
 
 
-def test_a_message_that_no_packet_holds_is_cut_and_the_comment_says_so(tmp_path):
+def test_a_message_too_large_for_a_packet_is_cut_with_a_comment(tmp_path):
     path = tmp_path / "one.pcapng"
     desk = Desk(path)
     desk.say(bytes(65535))
@@ -181,7 +183,7 @@ def test_a_message_that_no_packet_holds_is_cut_and_the_comment_says_so(tmp_path)
 
 
 @pytest.mark.parametrize("name", ["one.pcapng", "one.txt"])
-def test_a_full_file_makes_room_for_the_next_and_two_are_kept(tmp_path, name):
+def test_a_full_file_is_rotated_and_two_files_are_kept(tmp_path, name):
     path = tmp_path / name
     desk = Desk(path, limit=4000)
     for number in range(200):
@@ -190,9 +192,9 @@ def test_a_full_file_makes_room_for_the_next_and_two_are_kept(tmp_path, name):
     assert sorted(os.listdir(tmp_path)) == [name, f"{name}.1"]
     assert 0 < os.path.getsize(path) <= 4000 and os.path.getsize(f"{path}.1") <= 4000
     numbers = [
-        int.from_bytes(it.message[-4:], "little")
+        int.from_bytes(record.message[-4:], "little")
         for part in (f"{path}.1", path)
-        for it in read(part)
+        for record in read(part)
     ]
     assert numbers == list(range(200 - len(numbers), 200)) and len(numbers) > 20
     if name.endswith(".pcapng"):
@@ -200,7 +202,7 @@ def test_a_full_file_makes_room_for_the_next_and_two_are_kept(tmp_path, name):
 
 
 def test_an_older_capture_is_kept_as_the_second_file(tmp_path):
-    # An agent that crashed and is started again by systemd must not destroy what led to it.
+    # An agent that systemd restarts after a crash must not overwrite what led to the crash.
     path = tmp_path / "one.txt"
     for count in (3, 2, 1):
         desk = Desk(path)
@@ -211,7 +213,7 @@ def test_an_older_capture_is_kept_as_the_second_file(tmp_path):
     assert len(list(read(path))) == 1 and len(list(read(f"{path}.1"))) == 2
 
 
-def test_a_capture_in_which_nothing_is_does_not_push_out_the_second_file(tmp_path):
+def test_an_empty_capture_does_not_displace_the_second_file(tmp_path):
     path = tmp_path / "one.txt"
     for count in (3, 0, 1):
         desk = Desk(path)
@@ -222,7 +224,7 @@ def test_a_capture_in_which_nothing_is_does_not_push_out_the_second_file(tmp_pat
 
 
 @pytest.mark.parametrize("name", ["one.pcapng", "one.pcapng.1"])
-def test_what_is_no_capture_is_not_overwritten(tmp_path, name):
+def test_a_file_that_is_no_capture_is_not_overwritten(tmp_path, name):
     (tmp_path / name).write_text("the only copy of my thesis")
     with pytest.raises(CaptureError, match=rf"{name} is there already and no capture.*remove"):
         Desk(tmp_path / "one.pcapng")
@@ -230,12 +232,12 @@ def test_what_is_no_capture_is_not_overwritten(tmp_path, name):
 
 
 @pytest.mark.parametrize("name", ["not/there.txt", ".", "nul\0.txt"])
-def test_a_file_that_cannot_be_made(tmp_path, name):
+def test_a_file_that_cannot_be_created(tmp_path, name):
     with pytest.raises(CaptureError, match="name a file in a folder that exists"):
         Desk(f"{tmp_path}/{name}")
 
 
-def test_what_a_capture_is(tmp_path):
+def test_files_that_are_recognised_as_captures(tmp_path):
     path = tmp_path / "file"
     for content, yes in (
         (b"", True), (b"\x0a\x0d\x0d\x0a....", True), (b'{"t": 0.0, "from": "agent"', True),
@@ -257,14 +259,14 @@ def test_a_full_disk_ends_the_capture_and_not_the_agent():
         assert client.ping() == 1
         assert not agent.agent.message_hooks
         capture.close()
-    said = agent.said.getvalue()
-    assert "No space left on device (make room, or capture to another disk" in said
-    assert said.count("capture ends") == 1
+    log = agent.said.getvalue()
+    assert "No space left on device (make room, or capture to another disk" in log
+    assert log.count("capture ends") == 1
 
 
 @pytest.mark.parametrize("name", ["one.pcapng", "one.txt"])
-def test_a_file_that_may_grow_no_more_ends_at_a_whole_message(tmp_path, name):
-    """A real agent, whose files the system limits to 20 kB."""
+def test_a_file_at_its_size_limit_ends_with_a_whole_message(tmp_path, name):
+    """A real agent, with files that the system limits to 20 kB."""
     path = tmp_path / name
     with agent_process(path, lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000,) * 2)) as (
         process, port,
@@ -272,20 +274,20 @@ def test_a_file_that_may_grow_no_more_ends_at_a_whole_message(tmp_path, name):
         line = UdpLine(port)
         client = XrceClient(line, 0xCAFE)
         client.open()
-        said = ""
-        while "capture ends" not in said:
+        log = ""
+        while "capture ends" not in log:
             for _ in range(50):
                 assert client.ping() == 1
             if select.select([process.stdout], [], [], 0)[0]:
-                said += process.stdout.readline().decode()
-        assert "raise the limit on files (ulimit -f)" in said
+                log += process.stdout.readline().decode()
+        assert "raise the limit on files (ulimit -f)" in log
         assert client.ping() == 1
         line.close()
     assert 19_000 < path.stat().st_size <= 20_000
     rest = []
     records = list(read(path, rest.append))
     assert not rest
-    assert f"the {len(records)} messages in it are whole" in said
+    assert f"the {len(records)} messages in it are whole" in log
     if name.endswith(".pcapng"):
         assert len(packets(path)) == len(records)
 
@@ -306,22 +308,22 @@ def test_an_agent_that_is_killed_leaves_a_readable_file(tmp_path, name):
     rest = []
     records = list(read(path, rest.append))
     assert not rest and len(records) > 200
-    assert len({it.address for it in records}) == 1
+    assert len({record.address for record in records}) == 1
 
 
-def test_a_slow_disk_loses_messages_and_says_how_many(tmp_path, monkeypatch):
-    """A pipe that nobody reads is as slow as a disk can be."""
+def test_a_slow_disk_loses_messages_and_their_number_is_logged(tmp_path, monkeypatch):
+    """A pipe without a reader is as slow as a disk can be."""
     monkeypatch.setattr(captures, "MAX_WAITING", 100_000)
     path = tmp_path / "pipe"
     os.mkfifo(path)
     desk = Desk(path)
-    said = before = 0
-    while said < 5000 or desk.capture.lost == before:  # the last one is lost
+    logged = before = 0
+    while logged < 5000 or desk.capture.lost == before:  # the last one is lost
         before = desk.capture.lost
-        desk.say(said.to_bytes(4, "little") * 25)
-        said += 1
+        desk.say(logged.to_bytes(4, "little") * 25)
+        logged += 1
     lost = desk.capture.lost
-    assert 0 < lost < said
+    assert 0 < lost < logged
     assert desk.said.getvalue().count("messages not captured") == 1
     records = []
     reading = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
@@ -332,38 +334,40 @@ def test_a_slow_disk_loses_messages_and_says_how_many(tmp_path, monkeypatch):
             content.extend(os.read(reading, 1 << 20))
         except BlockingIOError:
             pass
-        return content.count(b"\n") >= said - lost
+        return content.count(b"\n") >= logged - lost
 
     eventually(drain)
     desk.say(b"later")
-    eventually(lambda: drain() and content.count(b"\n") == said + 1 - lost)
+    eventually(lambda: drain() and content.count(b"\n") == logged + 1 - lost)
     os.close(reading)
     desk.close()
     records = [json.loads(line) for line in content.splitlines()]
-    assert sum(it.get("lost", 0) for it in records) == lost
+    assert sum(record.get("lost", 0) for record in records) == lost
     assert records[-1]["lost"] > 0 and records[-1]["hex"] == b"later".hex()
 
 
-@pytest.mark.parametrize("said", [True, False])
-def test_a_second_agent_on_the_same_file_is_told_and_spoils_nothing(tmp_path, said):
+@pytest.mark.parametrize("reason", [True, False])
+def test_a_second_agent_on_the_same_file_is_refused_and_damages_nothing(tmp_path, reason):
     path = tmp_path / "one.pcapng"
     first = Desk(path, 2000)
-    for count in (1, 100):  # before its file is another one, and after
-        if said:
+    for count in (1, 100):  # before the file is replaced, and after
+        if reason:
             for _ in range(count):
                 first.say(bytes(50))
             eventually(lambda: first.capture.written and first.capture._put == first.capture._taken)
         with pytest.raises(CaptureError, match="another agent captures into it: end that one"):
             Desk(path)
     first.close()
-    assert sorted(os.listdir(tmp_path)) == (["one.pcapng", "one.pcapng.1"] if said else [path.name])
+    assert sorted(os.listdir(tmp_path)) == (
+        ["one.pcapng", "one.pcapng.1"] if reason else [path.name]
+    )
     assert is_capture(path)
-    if said:
-        assert all(it.message == bytes(50) for it in read(path))
-    Desk(path).close()  # now it is free
+    if reason:
+        assert all(record.message == bytes(50) for record in read(path))
+    Desk(path).close()  # now the file is free
 
 
-def test_an_end_does_not_wait_for_a_disk_for_ever(tmp_path, monkeypatch):
+def test_closing_waits_for_a_slow_disk_for_a_limited_time(tmp_path, monkeypatch):
     monkeypatch.setattr(captures, "_STILL", 0.05)
     path = tmp_path / "pipe"
     os.mkfifo(path)
@@ -384,7 +388,7 @@ def drained(reading):
     return True
 
 
-def test_a_fault_of_ours_ends_the_capture_and_is_told(tmp_path):
+def test_an_internal_error_ends_the_capture_and_is_logged(tmp_path):
     class Broken(Named):
         def address(self, peer):
             raise ZeroDivisionError("a slip")
@@ -401,7 +405,7 @@ def test_a_fault_of_ours_ends_the_capture_and_is_told(tmp_path):
 
 
 class agent_process:
-    """An agent on memory that captures: (its process, its port)."""
+    """Run an agent on memory that captures; yield (process, port)."""
 
     def __init__(self, path, before=None):
         self._args = [

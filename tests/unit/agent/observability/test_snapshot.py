@@ -1,4 +1,4 @@
-"""The counters and the snapshot, and that making one does not delay boards."""
+"""Counters and snapshots, and that taking a snapshot does not delay boards."""
 
 import json
 import socket
@@ -47,7 +47,7 @@ SAMPLE = b"\x07\0\0\0"
 
 
 class Owner:
-    """A desk as a server, and its clock."""
+    """A desk with the interface of a server, and its clock."""
 
     def __init__(self, **more):
         self.desk = Desk(**more)
@@ -65,15 +65,15 @@ class Owner:
         return snapshot(self)
 
     def client(self):
-        (one,) = self.see()["clients"]
-        return one
+        (client_entry,) = self.see()["clients"]
+        return client_entry
 
 
 @pytest.fixture
 def owner():
-    one = Owner()
-    yield one
-    one.desk.close()
+    new_owner = Owner()
+    yield new_owner
+    new_owner.desk.close()
 
 
 # --- all of it ----------------------------------------------------------------------
@@ -90,16 +90,24 @@ def test_a_board_with_a_publisher_and_a_subscription(owner):
     )
     for _ in range(3):
         board.send(write_data(WRITER, SAMPLE))
-    seen = owner.see()
-    assert set(seen) == {
+    snapshot_taken = owner.see()
+    assert set(snapshot_taken) == {
         "version", "pid", "uptime", "middleware", "rss", "cpu", "fds", "limits", "transports",
         "clients", "refused",
     }  # fmt: skip
-    assert (seen["version"], seen["middleware"], seen["refused"]) == (1, "memory", [])
-    assert seen["rss"] > 1_000_000 and seen["fds"] > 2 and seen["limits"]["objects"] == 4096
-    (it,) = seen["transports"]
-    assert (it["name"], it["kind"], it["label"]) == ("TestAgent", "TEST", "")
-    (client,) = seen["clients"]
+    assert (snapshot_taken["version"], snapshot_taken["middleware"], snapshot_taken["refused"]) == (
+        1,
+        "memory",
+        [],
+    )
+    assert (
+        snapshot_taken["rss"] > 1_000_000
+        and snapshot_taken["fds"] > 2
+        and snapshot_taken["limits"]["objects"] == 4096
+    )
+    (transport,) = snapshot_taken["transports"]
+    assert (transport["name"], transport["kind"], transport["label"]) == ("TestAgent", "TEST", "")
+    (client,) = snapshot_taken["clients"]
     assert set(client) == {
         "key", "session_id", "transport", "address", "mtu", "age", "heard_ago", "nodes",
         "objects", "received", "sent", "rate_over", "queues", "endpoints", "clock_offset",
@@ -134,22 +142,22 @@ def test_topics_are_those_of_the_network_after_the_rules():
     owner.desk.close()
 
 
-def test_samples_that_a_reader_got_are_counted(owner):
-    one, two = Board(owner.desk), Board(owner.desk, 2, KEY + 1)
-    one.ask(*publisher_entities())
-    two.ask(*subscriber_entities())
-    two.send(read_data(READER))
+def test_samples_of_a_reader_are_counted(owner):
+    first, second = Board(owner.desk), Board(owner.desk, 2, KEY + 1)
+    first.ask(*publisher_entities())
+    second.ask(*subscriber_entities())
+    second.send(read_data(READER))
     for _ in range(5):
-        one.send(write_data(WRITER, SAMPLE))
-    assert [it["endpoints"][0]["samples"] for it in owner.see()["clients"]] == [5, 5]
+        first.send(write_data(WRITER, SAMPLE))
+    assert [client["endpoints"][0]["samples"] for client in owner.see()["clients"]] == [5, 5]
 
 
-def test_refused_clients_and_why(owner):
+def test_refused_clients_with_their_reasons(owner):
     Board(owner.desk, key=5)
     owner.agent.refusals.note(5, "client key in use", "somewhere", time.monotonic() - 3, 4)
-    (it,) = owner.see()["refused"]
-    assert 2.9 < it.pop("ago") < 30
-    assert it == {
+    (refusal,) = owner.see()["refused"]
+    assert 2.9 < refusal.pop("ago") < 30
+    assert refusal == {
         "key": "0x00000005", "why": "client key in use", "address": "somewhere", "times": 4
     }  # fmt: skip
 
@@ -161,7 +169,7 @@ def test_a_clients_clock(owner):
     stamp = divmod(now, 1_000_000_000)
     board.send(sub(ids.TIMESTAMP, built(push_timestamp, *stamp)))
     assert 2.0 < owner.client()["clock_offset"] <= 2.5
-    board.send(sub(ids.TIMESTAMP, built(push_timestamp, 12, 0)))  # since it was started, in C
+    board.send(sub(ids.TIMESTAMP, built(push_timestamp, 12, 0)))  # since its start, in C
     assert owner.client()["clock_offset"] == pytest.approx(12 - time.time(), abs=5)
 
 
@@ -178,13 +186,13 @@ def best_effort(owner, number, stream=1):
         ([0, 1, 2], 0, 3),
         ([0, 3], 2, 2),
         ([2], 2, 1),
-        ([0, 2, 1], 1, 2),  # late is lost: it is not handed on
+        ([0, 2, 1], 1, 2),  # late messages count as lost: they are not delivered
         ([0, 0, 1], 0, 2),
-        ([0x7FFE, 0xFFFD, 0xFFFF, 0, 1], 0x7FFE + 0x7FFE + 1, 5),  # the numbers go around
+        ([0x7FFE, 0xFFFD, 0xFFFF, 0, 1], 0x7FFE + 0x7FFE + 1, 5),  # the numbers wrap
         ([0x7FFE, 0xFFFD, 3], 0x7FFE + 0x7FFE + 5, 3),
     ],
 )
-def test_best_effort_messages_that_never_came(owner, numbers, lost, accepted):
+def test_lost_best_effort_messages_are_counted(owner, numbers, lost, accepted):
     Board(owner.desk).ask(*publisher_entities())
     before = owner.client()["received"]
     for number in numbers:
@@ -197,11 +205,11 @@ def test_best_effort_messages_that_never_came(owner, numbers, lost, accepted):
     assert client["endpoints"][0]["samples"] == accepted
 
 
-def test_what_is_sent_what_is_not_acknowledged_and_what_is_sent_again(owner):
+def test_counters_of_sent_unacknowledged_and_repeated_messages(owner):
     board = Board(owner.desk, polite=False)
     board.send(*publisher_entities())
     sent = owner.client()["sent"]
-    # STATUS_AGENT is no session's; four answers and an acknowledgement are.
+    # STATUS_AGENT belongs to no session; four answers and an acknowledgement do.
     assert (sent["messages"], sent["resent"]) == (5, 0)
     assert owner.client()["queues"]["unacknowledged"] == 4
     owner.desk.clock += 50
@@ -213,8 +221,8 @@ def test_what_is_sent_what_is_not_acknowledged_and_what_is_sent_again(owner):
     assert client["queues"]["unacknowledged"] == 3
 
 
-def test_what_was_never_sent_is_not_sent_again(owner):
-    """Messages that waited for the window go out the first time."""
+def test_messages_sent_for_the_first_time_are_no_repetitions(owner):
+    """Messages that waited for the window are sent for the first time."""
     board = Board(owner.desk, polite=False)
     for number in range(20):
         board.send(topic(oid(number, ids.KIND_TOPIC)))
@@ -224,7 +232,7 @@ def test_what_was_never_sent_is_not_sent_again(owner):
     assert owner.client()["queues"]["unacknowledged"] == 10
 
 
-def test_early_stalled_dropped_and_half(owner):
+def test_counters_of_early_stalled_dropped_and_incomplete_messages(owner):
     board = Board(owner.desk)
     board.ask(*publisher_entities())
     number = board.sequence[ids.STREAM_RELIABLE]
@@ -245,14 +253,14 @@ def test_early_stalled_dropped_and_half(owner):
     assert owner.client()["queues"]["stalled"] == 1
 
 
-def test_a_long_message_that_is_given_up_counts(owner):
+def test_an_abandoned_long_message_is_counted(owner):
     board = Board(owner.desk)
     board.ask(*publisher_entities())
     assert owner.client()["received"]["given_up"] == 0
     half = whole(write_data(WRITER, bytes(100)))
     board.send(fragment(half[:60]))
     board.send(write_data(WRITER, SAMPLE))
-    board.send(fragment(half[:60]))  # the rest of the first would have come before
+    board.send(fragment(half[:60]))  # the rest of the first message would have arrived before
     assert owner.client()["received"]["given_up"] == 1
     board.send(fragment(half[:60]))
     board.send(fragment(half[60:], True))
@@ -272,26 +280,26 @@ def test_rates_are_over_a_client_s_life_and_then_over_the_last_marks(owner):
     assert rates.of(client, 110.0) == (5.0, 1.0, 10.0)
     rates.mark(110.0)
     client.session.received += 100
-    assert rates.of(client, 110.5) == (150 / 10.5, 10 / 10.5, 10.5)  # too short a time
+    assert rates.of(client, 110.5) == (150 / 10.5, 10 / 10.5, 10.5)  # the interval is too short
     assert rates.of(client, 120.0) == (10.0, 0.0, 10.0)
     rates.mark(115.0)
     assert rates.of(client, 120.0) == (10.0, 0.0, 10.0)
     rates.mark(120.0)
     client.session.received += 20
     assert rates.of(client, 125.0) == (2.0, 0.0, 10.0)
-    # Another board with the key, or the same anew.
+    # Another board with the key, or the same board after a reset.
     client.born, client.session.received = 124.0, 3
     assert rates.of(client, 125.0) == (3.0, 10.0, 1.0)
 
 
-def test_what_a_client_creates_when_it_comes_is_no_rate(owner):
+def test_creations_at_the_start_of_a_client_are_no_rate(owner):
     board = Board(owner.desk)
     board.ask(*publisher_entities())
     client = of(board)
     client.born = 100.0
     client.session.received = 20
     rates = Rates(owner.agent.clients)
-    rates.mark(100.5)  # in the middle of it
+    rates.mark(100.5)  # in the middle of a snapshot
     client.session.received = 40
     assert rates.of(client, 105.0) == (40 / 5, client.session.sent / 5, 5.0)
     rates.mark(105.5)
@@ -301,15 +309,15 @@ def test_what_a_client_creates_when_it_comes_is_no_rate(owner):
     assert rates.of(client, 113.5)[2] == 8.0
 
 
-def test_silence_is_told_where_ticks_have_gone_around(owner):
+def test_silence_is_correct_after_ticks_have_wrapped(owner):
     board = Board(owner.desk)
     client, rates = of(board), Rates(owner.agent.clients)
-    heard = client.session.heard
+    last_message_at = client.session.heard
     rates.mark(1000.0)
-    assert rates.heard_ago(client, 1001.0, heard + 1000) == 1.0
+    assert rates.heard_ago(client, 1001.0, last_message_at + 1000) == 1.0
     week = 7 * 86_400
     rates.mark(1000.0 + week)
-    ticks = (heard + week * 1000) & TIME_MASK
+    ticks = (last_message_at + week * 1000) & TIME_MASK
     assert rates.heard_ago(client, 1000.0 + week, ticks) == week
 
 
@@ -325,37 +333,47 @@ def test_long_names_and_many_endpoints_are_cut(owner):
     assert client["objects"]["datawriter"] == 399
     assert len(client["endpoints"]) == module.MAX_ENDPOINTS
     assert client["endpoints_left_out"] == 399 - module.MAX_ENDPOINTS
-    assert all(len(it["topic"]) == module.MAX_TEXT for it in client["endpoints"])
+    assert all(len(entry["topic"]) == module.MAX_TEXT for entry in client["endpoints"])
 
 
-def test_a_snapshot_comes_in_pieces_and_boards_may_leave_between(owner):
-    boards = [Board(owner.desk, 1 + it, KEY + it) for it in range(10)]
-    made = []
+def test_a_snapshot_is_gathered_in_pieces_between_which_boards_may_leave(owner):
+    boards = [Board(owner.desk, 1 + index, KEY + index) for index in range(10)]
+    texts = []
     for piece in pieces(owner):
-        made.append(piece)
-        if len(made) == 4:
+        texts.append(piece)
+        if len(texts) == 4:
             owner.agent.delete_client(boards[5].key)
-    seen = json.loads("".join(made))
-    assert len(made) == 11 and made[-1].endswith("}\n") and "".join(made).count("\n") == 1
-    assert [int(it["key"], 16) - KEY for it in seen["clients"]] == [0, 1, 2, 3, 4, 6, 7, 8, 9]
+    snapshot_taken = json.loads("".join(texts))
+    assert len(texts) == 11 and texts[-1].endswith("}\n") and "".join(texts).count("\n") == 1
+    assert [int(index["key"], 16) - KEY for index in snapshot_taken["clients"]] == [
+        0,
+        1,
+        2,
+        3,
+        4,
+        6,
+        7,
+        8,
+        9,
+    ]
 
 
-def test_the_boards_have_their_turn_while_one_is_made(owner, monkeypatch):
-    for it in range(10):
-        Board(owner.desk, 1 + it, KEY + it)
+def test_boards_are_served_while_a_snapshot_is_gathered(owner, monkeypatch):
+    for index in range(10):
+        Board(owner.desk, 1 + index, KEY + index)
     monkeypatch.setattr(module, "SLICE", 0.0)
-    made = []
-    gather(owner, made.append, lambda: True)
+    pieces = []
+    gather(owner, pieces.append, lambda: True)
     turns = 0
     while owner.calls:
         turns += 1
         owner.calls.pop()()
-    assert turns == 12 and len(json.loads(made[0])["clients"]) == 10
-    wanted = True
-    gather(owner, made.append, lambda: wanted)
-    wanted = False  # nobody waits any more
+    assert turns == 12 and len(json.loads(pieces[0])["clients"]) == 10
+    waiting = True
+    gather(owner, pieces.append, lambda: waiting)
+    waiting = False  # no request waits any more
     owner.calls.pop()()
-    assert not owner.calls and len(made) == 1
+    assert not owner.calls and len(pieces) == 1
 
 
 # --- transports ---------------------------------------------------------------------
@@ -370,7 +388,7 @@ def test_the_boards_have_their_turn_while_one_is_made(owner, monkeypatch):
         ("custom", {"malformed": 0, "dropped": 0}),
     ],
 )
-def test_transports_count_what_comes(transport, own):
+def test_transports_count_received_messages(transport, own):
     with running_agent(transport, "memory") as running:
         client = XrceClient(running.line(), 0x77)
         assert client.open() == ids.STATUS_OK
@@ -378,16 +396,16 @@ def test_transports_count_what_comes(transport, own):
         for _ in range(3):
             client.write(writer, b"\0" * 8)
         client.ping()
-        seen = running.snapshot()
-        (it,) = seen["transports"]
-        (board,) = seen["clients"]
-        # CREATE_CLIENT is no session's.
-        assert it["messages"] == board["received"]["messages"] + 1
-        assert it["bytes"] > board["received"]["bytes"] > 100
+        snapshot_taken = running.snapshot()
+        (transport_entry,) = snapshot_taken["transports"]
+        (board,) = snapshot_taken["clients"]
+        # CREATE_CLIENT belongs to no session.
+        assert transport_entry["messages"] == board["received"]["messages"] + 1
+        assert transport_entry["bytes"] > board["received"]["bytes"] > 100
         common = {"name", "kind", "label", "messages", "bytes"}
-        extra = {name: count for name, count in it.items() if name not in common}
+        extra = {name: count for name, count in transport_entry.items() if name not in common}
         if "frames" in own:
-            own = {**own, "frames": it["messages"]}
+            own = {**own, "frames": transport_entry["messages"]}
         assert extra == own
         assert board["endpoints"][0]["samples"] == 3
 

@@ -1,4 +1,4 @@
-"""A server that is nothing but a selector: what a transport says to it is kept."""
+"""A server that is only a selector; it records the calls of a transport."""
 
 import selectors
 import time
@@ -17,7 +17,7 @@ class BareHost:
         self.messages = []
         self.notes = []
         self.calls = []
-        self.lines_lost = []  # the transports whose lines they were
+        self.lines_lost = []  # the transports of the lost lines
         self.writing = {}
         self.time = 0
         self.answer = None  # called with (transport, peer, message)
@@ -42,8 +42,8 @@ class BareHost:
         if self.writing.pop(fileno, None) is not None:
             self._selector.unregister(fileno)
 
-    def note(self, level, part, function, what, about):
-        self.notes.append((level, f"{part} | {what} | {about}"))
+    def note(self, level, part, function, event, about):
+        self.notes.append((level, f"{part} | {event} | {about}"))
 
     def wake_at(self, seconds, call):
         self.calls.append((seconds, call))
@@ -52,7 +52,7 @@ class BareHost:
         self.lines_lost.append(transport)
 
     def fire(self):
-        """Make the calls that are due now or later."""
+        """Make all scheduled calls, due or not."""
         calls, self.calls = self.calls, []
         for _, call in calls:
             call()
@@ -64,15 +64,15 @@ class BareHost:
         return [text for level, text in self.notes if level <= WARNING]
 
     def turn(self, seconds=0.0):
-        """Let what is ready do its work; waits for it at most so long."""
+        """Call the functions of ready descriptors; wait for them at most so long."""
         for key, _ in self._selector.select(seconds):
             if key.fd in self.writing:
                 key.data()
 
-    def until(self, done, what="it"):
+    def until(self, done, awaited="event"):
         deadline = time.monotonic() + SECONDS
         while not done():
-            assert time.monotonic() < deadline, f"{what} does not come; notes:\n{self.said()}"
+            assert time.monotonic() < deadline, f"{awaited} does not come; notes:\n{self.said()}"
             self.turn(0.01)
 
     def close(self):

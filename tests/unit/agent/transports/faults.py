@@ -1,4 +1,4 @@
-"""What bad input must not touch: two clients whose samples and answers go on."""
+"""Clients that bad input must not affect, and checks of the log."""
 
 import socket
 
@@ -25,7 +25,7 @@ class Bystanders:
         self.count = 0
 
     def check(self):
-        """The next sample arrives, and both get answers."""
+        """Test that the next sample arrives, and that both clients get answers."""
         self.count += 1
         sample = self.count.to_bytes(4, "big") * 8
         self.publisher.write(self.writer, sample)
@@ -34,13 +34,13 @@ class Bystanders:
         assert self.publisher.ping() == self.subscriber.ping() == 1
 
 
-def wait_for(said, text, count=1):
-    """Until the log says ``text`` so many times."""
-    eventually(lambda: said().count(text) >= count, lambda: f"no {text!r} in:\n{said()}")
+def wait_for(read_log, text, count=1):
+    """Wait until the log contains ``text`` so many times."""
+    eventually(lambda: read_log().count(text) >= count, lambda: f"no {text!r} in:\n{read_log()}")
 
 
 def check_a_client_that_does_not_read_is_disconnected(agent, bystanders):
-    """On a stream transport: its session is closed with a line in the log, others go on."""
+    """Test on a stream transport that its session is closed and logged, and that others go on."""
     line = agent.line()
     line._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
     slow = XrceClient(line, 0x79, mtu=60_000)

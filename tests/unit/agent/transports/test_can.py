@@ -1,4 +1,4 @@
-"""CAN FD at the agent's end: frames as bytes, buses that fail, hostile frames."""
+"""CAN FD of the agent: frames as bytes, buses that fail, hostile frames."""
 
 import errno
 import sys
@@ -26,7 +26,7 @@ PING = message([get_info()], 0, 0, 0x80)
 
 
 class Host:
-    """A server that does nothing by itself."""
+    """A server that only records the calls of the transport."""
 
     clock = Clock()
 
@@ -34,14 +34,14 @@ class Host:
         self.notes = []
         self.calls = []
         self.watched = {}
-        self.heard = []
+        self.received = []
 
     def now(self):
         return 0
 
     def unmatched(self, transport, peer, buf, view, length):
         assert len(buf) == len(view) == length
-        self.heard.append((peer, bytes(buf)))
+        self.received.append((peer, bytes(buf)))
 
     def watch(self, fileno, ready, writing=False):
         self.watched[fileno] = ready
@@ -49,14 +49,14 @@ class Host:
     def unwatch(self, fileno):
         del self.watched[fileno]
 
-    def note(self, level, part, function, what, about):
-        self.notes.append(f"{what}: {about}")
+    def note(self, level, part, function, event, about):
+        self.notes.append(f"{event}: {about}")
 
     def wake_at(self, seconds, call):
         self.calls.append((seconds, call))
 
     def due(self):
-        """What was to be called later."""
+        """Make the scheduled calls; return their delays."""
         calls, self.calls = self.calls, []
         for _, call in calls:
             call()
@@ -70,11 +70,11 @@ def host():
 
 @pytest.fixture
 def server(host):
-    """An agent's end on SocketCAN's side of python-can."""
-    one = KernelCan()
-    one.open(host)
-    yield one
-    one.close()
+    """A CAN transport of the agent on SocketCAN of python-can."""
+    can_server = KernelCan()
+    can_server.open(host)
+    yield can_server
+    can_server.close()
     assert host.watched == {}
 
 
@@ -103,13 +103,13 @@ def test_the_kernels_frames(server, host):
     frame = "efcdab9f 0c 05 0000" + "0801020304050607 08" + "00" * 55
     server.bus.send(bytes.fromhex(frame))
     ready(host)
-    assert host.heard == [
+    assert host.received == [
         (1, bytes.fromhex("80000000")),
         (0x1FABCDEF, bytes.fromhex("0102030405060708")),
     ]
     server.send(0x1FABCDEF, bytes.fromhex("0102030405060708"))
-    # The C agent's frame but for two things that no wire shows: it says 9 bytes where the
-    # controller sends 12, and leaves FDF to the kernel.
+    # The C agent's frame, except two things that do not appear on the wire: it has 9 bytes where
+    # the controller sends 12, and leaves FDF to the kernel.
     assert sent(server) == bytes.fromhex("efcdab9f 0c 04 00 0c 08 0102030405060708" + "00" * 55)
     server.send(1, bytes(range(63)))
     assert sent(server) == bytes.fromhex("01000080 40 04 00 40 3f") + bytes(range(63))
@@ -123,24 +123,24 @@ def test_a_ping_from_frame_to_frame():
         assert answer[4] == ids.INFO and len(answer) <= 63
 
 
-def test_the_second_bit_rate_is_for_those_who_ask(host):
-    one = KernelCan()
-    one._switch = True
-    one.open(host)
-    one.send(1, b"abc")
-    assert sent(one)[5] == FDF | 1
-    one.close()
+def test_the_second_bit_rate_is_used_on_request(host):
+    can_server = KernelCan()
+    can_server._switch = True
+    can_server.open(host)
+    can_server.send(1, b"abc")
+    assert sent(can_server)[5] == FDF | 1
+    can_server.close()
 
 
 # --- hostile frames -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("kind", ["can", "socketcan"])
-def test_a_frame_that_is_longer_than_it_says_or_shorter(kind):
+def test_a_frame_whose_length_byte_is_wrong(kind):
     """The first ends the C++ agent: length bytes up to 71 pass its check, which is of the kernel's
     struct and not of the 64 bytes of data."""
     with running_agent(kind, "memory") as agent:
-        others = Bystanders(agent)
+        bystanders = Bystanders(agent)
         line = agent.line(3)
         count = 0
         for length in (0, 4, 63, 64, 65, 71, 72, 128, 255):
@@ -153,17 +153,17 @@ def test_a_frame_that_is_longer_than_it_says_or_shorter(kind):
         line.send(PING)
         assert line.receive(time.monotonic() + SECONDS)[4] == ids.INFO
         assert agent.transport.malformed == count + 1
-        others.check()
-        said = agent.said.getvalue()
-        assert "(0x00000103)" in said and "speak micro-ROS" in said
-        assert 1 <= said.count("malformed frame") <= 7
+        bystanders.check()
+        log = agent.said.getvalue()
+        assert "(0x00000103)" in log and "speak micro-ROS" in log
+        assert 1 <= log.count("malformed frame") <= 7
 
 
-def test_frames_that_are_no_boards(server, host):
+def test_frames_that_are_not_of_boards(server, host):
     for can_id in (1, REMOTE | EXTENDED | 1, REMOTE | 1):
         server.bus.send(FRAME.pack(can_id, 4, FDF, b"\3abc"))
     ready(host)
-    assert host.heard == [] and server.foreign == 3 and server.malformed == 0
+    assert host.received == [] and server.foreign == 3 and server.malformed == 0
 
 
 @given(st.integers(0, 0xFFFFFFFF), st.integers(0, 255), st.integers(0, 255), st.binary(max_size=64))
@@ -175,55 +175,55 @@ def test_any_frame(can_id, length, flags, data):
         can_id_plain = can_id & 0x1FFFFFFF
     else:
         can_id_plain = can_id & 0x7FF
-    it = can.Message(
+    frame = can.Message(
         arbitration_id=can_id_plain, is_extended_id=bool(can_id & EXTENDED),
         is_remote_frame=bool(can_id & REMOTE), is_error_frame=bool(can_id & ERROR), is_fd=True,
         data=data, check=False,
     )  # fmt: skip
-    server._take(it)
-    if host.heard:
-        assert host.heard == [(can_id_plain, data[1 : data[0] + 1])]
-        assert len(host.heard[0][1]) == data[0] > 0
+    server._take(frame)
+    if host.received:
+        assert host.received == [(can_id_plain, data[1 : data[0] + 1])]
+        assert len(host.received[0][1]) == data[0] > 0
     else:
         assert server.foreign + server.malformed == (0 if can_id & ERROR else 1)
 
 
-def test_a_message_that_no_frame_holds_is_lost_and_told(server, host):
+def test_a_message_too_large_for_a_frame_is_lost_and_logged(server, host):
     for _ in range(9):
         server.send(0x123, bytes(64))
     server.send(0x123, b"abc")
     assert sent(server)[8:12] == b"\3abc" and server.dropped == 9
-    told = [it for it in host.notes if "message dropped" in it]
-    assert len(told) == 4 and "64 bytes for can0 (0x00000123): its MTU must be 63" in told[0]
+    notes = [note for note in host.notes if "message dropped" in note]
+    assert len(notes) == 4 and "64 bytes for can0 (0x00000123): its MTU must be 63" in notes[0]
 
 
 # --- a bus that comes, goes and fails -----------------------------------------------------------
 
 
 def failing(server, name, number, count=1):
-    """The bus's next ``count`` calls raise what python-can raises for ``number``."""
-    call, left = getattr(server._bus, name), [count]
+    """Make the next ``count`` calls of the bus raise python-can's exception for ``number``."""
+    call, remaining = getattr(server._bus, name), [count]
 
     def fail(*args, **options):
-        if left[0]:
-            left[0] -= 1
+        if remaining[0]:
+            remaining[0] -= 1
             raise can.CanOperationError("Failed", number)
         return call(*args, **options)
 
     setattr(server._bus, name, fail)
-    return left
+    return remaining
 
 
-def test_an_interface_that_is_not_there_yet(host):
-    one = KernelCan()
-    one.missing = OSError(errno.ENODEV, "no such interface")
-    one.open(host)
+def test_an_interface_that_does_not_exist_yet(host):
+    can_server = KernelCan()
+    can_server.missing = OSError(errno.ENODEV, "no such interface")
+    can_server.open(host)
     for _ in range(3):
         assert host.due() == [module.RETRY]
-    one.send(1, b"nobody hears it")
-    one.missing = OSError(errno.ENETDOWN, "down")
+    can_server.send(1, b"nobody hears it")
+    can_server.missing = OSError(errno.ENETDOWN, "down")
     host.due()
-    one.missing = None
+    can_server.missing = None
     host.due()
     assert host.calls == []
     missing, down, running = host.notes
@@ -231,11 +231,11 @@ def test_an_interface_that_is_not_there_yet(host):
     assert "ip link set can0 up type can bitrate 500000 dbitrate 2000000 fd on" in missing
     assert "the interface is down: sudo ip link set can0 up" in down
     assert running == "running...: device: can0, interface: socketcan"
-    one.bus.send(FRAME.pack(EXTENDED | 1, 4, FDF, b"\3abc"))
+    can_server.bus.send(FRAME.pack(EXTENDED | 1, 4, FDF, b"\3abc"))
     ready(host)
-    assert host.heard == [(1, b"abc")]
-    one.close()
-    one.close()
+    assert host.received == [(1, b"abc")]
+    can_server.close()
+    can_server.close()
 
 
 def test_an_interface_that_goes_down_and_comes_back(server, host):
@@ -253,54 +253,54 @@ def test_an_interface_that_goes_down_and_comes_back(server, host):
     assert sent(server)[8:14] == b"\5there"
 
 
-def test_an_interface_that_is_down_from_the_start_is_told_once(host, monkeypatch):
-    """The kernel lets it be bound, and tells with the first read."""
-    one = KernelCan()
-    make = one._make
+def test_an_interface_that_is_down_from_the_start_is_logged_once(host, monkeypatch):
+    """The kernel allows to bind it; the first read fails."""
+    can_server = KernelCan()
+    make = can_server._make
 
     def make_down():
         bus = make()
-        one._bus, bus_before = bus, one._bus
-        failing(one, "recv", errno.ENETDOWN)
-        one._bus = bus_before
+        can_server._bus, bus_before = bus, can_server._bus
+        failing(can_server, "recv", errno.ENETDOWN)
+        can_server._bus = bus_before
         return bus
 
-    monkeypatch.setattr(one, "_make", make_down)
-    one.open(host)
+    monkeypatch.setattr(can_server, "_make", make_down)
+    can_server.open(host)
     for _ in range(5):
         host.due()
     assert len(host.notes) == 1 and "the interface is down" in host.notes[0]
-    monkeypatch.setattr(one, "_make", make)
+    monkeypatch.setattr(can_server, "_make", make)
     host.due()
     assert "running" in host.notes[-1]
-    one.close()
+    can_server.close()
 
 
 def test_sessions_outlive_their_bus(monkeypatch):
     monkeypatch.setattr(module, "RETRY", 0.01)
     with running_agent("socketcan", "memory") as agent:
-        one = XrceClient(agent.line(), 7)
-        assert one.open() == ids.STATUS_OK
+        client = XrceClient(agent.line(), 7)
+        assert client.open() == ids.STATUS_OK
         failing(agent.transport, "recv", errno.ENETDOWN, 1)
-        one.line.send(PING)
+        client.line.send(PING)
         wait_for(agent.said.getvalue, "running...", 2)
-        one.line.fd = agent.transport.bus.fileno()
-        assert one.ping() == 1 and len(agent.agent.clients) == 1
+        client.line.fd = agent.transport.bus.fileno()
+        assert client.ping() == 1 and len(agent.agent.clients) == 1
 
 
 def test_a_full_queue_of_the_kernel_keeps_the_order(server, host):
-    left = failing(server, "send", errno.ENOBUFS, 5)
+    remaining = failing(server, "send", errno.ENOBUFS, 5)
     for i in range(20):
         server.send(1, bytes([i]))
     delays = []
-    while left[0] or host.calls:
+    while remaining[0] or host.calls:
         delays += host.due()
     assert [sent(server)[9] for _ in range(20)] == list(range(20))
     assert delays[0] == 0.002 and delays == sorted(delays) and len(delays) == 5
     assert server.dropped == 0 and len(host.notes) == 1
 
 
-def test_one_wait_for_room_at_a_time(server, host):
+def test_only_one_retry_is_scheduled_at_a_time(server, host):
     for _ in range(3):
         failing(server, "send", errno.ENOBUFS, 100)
         server.send(1, b"abc")
@@ -310,20 +310,20 @@ def test_one_wait_for_room_at_a_time(server, host):
     assert len([seconds for seconds, _ in host.calls if seconds != module.RETRY]) == 1
 
 
-def test_a_bus_that_takes_nothing_for_long(server, host):
-    left = failing(server, "send", errno.ENOBUFS, 1000)
+def test_a_bus_that_accepts_no_frames_for_long(server, host):
+    remaining = failing(server, "send", errno.ENOBUFS, 1000)
     for i in range(module.MAX_UNSENT + 10):
         server.send(1, bytes([i & 0xFF]))
     assert server.dropped == 10
-    while not any("the bus takes nothing: " in it for it in host.notes):
+    while not any("the bus takes nothing: " in note for note in host.notes):
         (delay,) = host.due()
         assert delay <= 0.1
     assert "is another node on it" in host.notes[-1] and "link show can0" in host.notes[-1]
     assert server.dropped == module.MAX_UNSENT + 9
     for _ in range(50):
         host.due()
-    assert sum("the bus takes nothing: " in it for it in host.notes) == 1
-    left[0] = 0
+    assert sum("the bus takes nothing: " in note for note in host.notes) == 1
+    remaining[0] = 0
     server.send(1, b"later")
     host.due()
     assert sent(server)[8:10] == b"\1\0" and sent(server)[8:14] == b"\5later"
@@ -337,17 +337,17 @@ def test_a_bus_without_can_fd(server, host):
     assert sent(server)[8:12] == b"\3def" and server.dropped == 1
 
 
-def test_an_interface_in_classic_mode_is_told_about(host, monkeypatch):
+def test_an_interface_in_classic_mode_is_logged(host, monkeypatch):
     monkeypatch.setattr(module, "_mtu", lambda device: "16")
-    one = KernelCan()
-    one.open(host)
+    can_server = KernelCan()
+    can_server.open(host)
     assert "not in CAN FD mode" in host.notes[1] and "sudo ip link set can0 down;" in host.notes[1]
-    one.close()
+    can_server.close()
 
 
 def test_bus_off_and_on_again(server, host):
-    for what in (0x40, 0x40, 0x40, 0x04, 0x100, 0x100):
-        server.bus.send(FRAME.pack(ERROR | what, 8, 0, b""))
+    for error_class in (0x40, 0x40, 0x40, 0x04, 0x100, 0x100):
+        server.bus.send(FRAME.pack(ERROR | error_class, 8, 0, b""))
     ready(host)
     off, on = host.notes[1:]
     assert "bus off: device: can0" in off and "type can restart" in off and "bus on again" in on
@@ -355,23 +355,23 @@ def test_bus_off_and_on_again(server, host):
 
 
 def test_a_driver_that_fails_in_its_own_way(monkeypatch):
-    """Over the bus in memory, which is read by a thread."""
+    """Test over the bus in memory, which a thread reads."""
     monkeypatch.setattr(module, "RETRY", 0.01)
     with running_agent("can", "memory") as agent:
-        one = XrceClient(agent.line(), 7)
-        assert one.open() == ids.STATUS_OK
+        client = XrceClient(agent.line(), 7)
+        assert client.open() == ids.STATUS_OK
         bus = agent.transport._bus
 
         def fail(*_, **__):
             raise ZeroDivisionError("a driver's own fault")
 
         bus.send = fail
-        one.line.send(PING)
+        client.line.send(PING)
         wait_for(agent.said.getvalue, "a driver's own fault")
         bus.recv = fail
         wait_for(agent.said.getvalue, "device lost")
         wait_for(agent.said.getvalue, "running...", 2)
-        assert one.ping() == 1
+        assert client.ping() == 1
 
 
 # --- what cannot be opened ----------------------------------------------------------------------
@@ -385,7 +385,7 @@ def refused(server):
     return caught.value.strerror
 
 
-def test_python_can_is_not_there(monkeypatch):
+def test_without_python_can(monkeypatch):
     monkeypatch.setitem(sys.modules, "can", None)
     assert "python -m pip install python-can" in refused(CanServer("can0"))
     with pytest.raises(OSError, match="install python-can"):
@@ -393,9 +393,9 @@ def test_python_can_is_not_there(monkeypatch):
 
 
 def test_a_system_without_socketcan(monkeypatch):
-    one = KernelCan()
-    one.missing = OSError(errno.EAFNOSUPPORT, "Address family not supported by protocol")
-    assert "modprobe can_raw" in refused(one)
+    can_server = KernelCan()
+    can_server.missing = OSError(errno.EAFNOSUPPORT, "Address family not supported by protocol")
+    assert "modprobe can_raw" in refused(can_server)
 
 
 def test_an_interface_of_python_can_that_does_not_exist():
@@ -408,7 +408,7 @@ def test_options_that_a_driver_does_not_know():
                                             ignore_config=2))  # fmt: skip
 
 
-def test_what_the_kernel_says_of_a_name():
+def test_errors_of_the_kernel_for_a_name():
     try:
         module.check_socketcan("no-such-can")
     except OSError as error:
@@ -420,40 +420,45 @@ def test_what_the_kernel_says_of_a_name():
 # --- a board's port on a host -------------------------------------------------------------------
 
 
-def test_a_port_passes_by_what_is_no_boards_and_gives_the_rest():
-    port, other = CanPort("uros-port", "virtual"), can.Bus("uros-port", interface="virtual")
+def test_a_port_ignores_foreign_frames_and_returns_the_others():
+    port, second_bus = CanPort("uros-port", "virtual"), can.Bus("uros-port", interface="virtual")
     port.open()
     port.wait(1)
     assert port.recv() is None
     for options in ({"is_extended_id": False}, {"is_remote_frame": True}, {"is_error_frame": True}):
-        other.send(can.Message(arbitration_id=5, check=False, **options))
-    other.send(can.Message(arbitration_id=6, is_fd=True, data=b"\1x", check=False))
-    heard = None
+        second_bus.send(can.Message(arbitration_id=5, check=False, **options))
+    second_bus.send(can.Message(arbitration_id=6, is_fd=True, data=b"\1x", check=False))
+    payload = None
     deadline = time.monotonic() + SECONDS
-    while heard is None and time.monotonic() < deadline:
+    while payload is None and time.monotonic() < deadline:
         port.wait(100)
-        heard = port.recv()
-    assert heard[0] == 6 and bytes(heard[1]) == b"\1x"
+        payload = port.recv()
+    assert payload[0] == 6 and bytes(payload[1]) == b"\1x"
     assert port.send(7, b"\1y") is True
-    it = other.recv(SECONDS)
-    assert it.arbitration_id == 7 and it.is_extended_id and it.is_fd and not it.bitrate_switch
+    can_message = second_bus.recv(SECONDS)
+    assert (
+        can_message.arbitration_id == 7
+        and can_message.is_extended_id
+        and can_message.is_fd
+        and not can_message.bitrate_switch
+    )
     port.close()
     port.close()
-    other.shutdown()
+    second_bus.shutdown()
 
 
-def test_a_port_says_full_from_gone():
+def test_a_port_distinguishes_a_full_queue_from_a_lost_interface():
     port = CanPort("uros-port", "virtual")
     port.open()
     bus = port._bus
     port._bus = failing_bus = type("Bus", (), {})()
-    for number, gone in ((errno.ENOBUFS, False), (None, False), (errno.ENETDOWN, True)):
+    for number, is_gone in ((errno.ENOBUFS, False), (None, False), (errno.ENETDOWN, True)):
 
         def fail(*_, **__):
             raise can.CanOperationError("Failed", number)  # noqa: B023
 
         failing_bus.send = failing_bus.recv = fail
-        if gone:
+        if is_gone:
             with pytest.raises(OSError):
                 port.send(1, b"\1x")
         else:

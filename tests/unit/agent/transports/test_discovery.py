@@ -53,7 +53,7 @@ LOOPBACK4, LOOPBACK6 = socket.inet_aton("127.0.0.1"), bytes(15) + b"\x01"
 
 @pytest.fixture(autouse=True)
 def loopback_only(monkeypatch):
-    """The group is joined on no network outside of this machine."""
+    """Join the group on no network outside of this machine."""
     monkeypatch.setattr(addresses, "ipv4_by_interface", lambda: {"lo": "127.0.0.1"})
 
 
@@ -69,13 +69,13 @@ class Running:
     def asker(self):
         sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         sock.settimeout(SECONDS)
-        # Into the group by loopback, whatever the machine's routes are.
+        # Send to the group over loopback, whatever the machine's routes are.
         sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, LOOPBACK4)
         self.sockets.append(sock)
         return sock
 
     def ask(self, where="127.0.0.1", question=C_QUESTION, sock=None):
-        """The locators of the INFO that answers."""
+        """Return the locators of the INFO that answers."""
         sock = sock or self.asker()
         sock.sendto(question, (where, self.discovery.port))
         return info(sock.recv(2000))[4]
@@ -90,18 +90,18 @@ def info(datagram):
 
 @contextmanager
 def running(*transports, port=0):
-    one = Running(list(transports), port)
-    one.thread.start()
-    assert one.server.ready.wait(SECONDS)
+    running_server = Running(list(transports), port)
+    running_server.thread.start()
+    assert running_server.server.ready.wait(SECONDS)
     try:
-        yield one
+        yield running_server
     finally:
-        one.server.stop()
-        one.thread.join(SECONDS)
-        for sock in one.sockets:
+        running_server.server.stop()
+        running_server.thread.join(SECONDS)
+        for sock in running_server.sockets:
             sock.close()
-    assert not one.thread.is_alive()
-    assert "internal error" not in one.said.getvalue(), one.said.getvalue()
+    assert not running_server.thread.is_alive()
+    assert "internal error" not in running_server.said.getvalue(), running_server.said.getvalue()
 
 
 # --- questions and answers ---------------------------------------------------------------------
@@ -124,15 +124,15 @@ def test_an_answer_byte_by_byte():
 
 
 @pytest.mark.parametrize("question", [C_QUESTION, P2P_QUESTION, message([get_info()], 0, 0, 0x00)])
-def test_the_answer_is_to_the_question(question):
-    with running(UdpServer(0)) as it:
-        sock = it.asker()
-        sock.sendto(question, ("127.0.0.1", it.discovery.port))
+def test_the_answer_has_the_ids_of_the_question(question):
+    with running(UdpServer(0)) as agent_run:
+        sock = agent_run.asker()
+        sock.sendto(question, ("127.0.0.1", agent_run.discovery.port))
         answer = sock.recv(2000)
         head = 8 if question[0] == 0 else 4
         assert answer[:head] == question[:head]  # session, stream, number, and key
         assert answer[head + 4 : head + 8] == question[head + 4 : head + 8]  # request and object
-        assert it.discovery.faults == 0
+        assert agent_run.discovery.faults == 0
 
 
 def test_a_big_endian_question():
@@ -141,8 +141,8 @@ def test_a_big_endian_question():
     assert read_question(datagram, len(datagram)) == (0x80, 0, 9, ids.OBJECT_AGENT)
 
 
-@given(st.binary(max_size=64) | st.binary(max_size=40).map(lambda it: C_QUESTION[:8] + it))
-def test_whatever_is_asked(datagram):
+@given(st.binary(max_size=64) | st.binary(max_size=40).map(lambda rest: C_QUESTION[:8] + rest))
+def test_any_question_is_answered_or_ignored(datagram):
     try:
         question = read_question(datagram, len(datagram))
     except DecodeError:
@@ -159,16 +159,16 @@ def test_whatever_is_asked(datagram):
 # --- where the agent is --------------------------------------------------------------------------
 
 
-def test_an_asker_in_the_group_and_one_at_the_address_get_the_same():
+def test_questions_to_the_group_and_to_the_address_get_the_same_answer():
     udp = UdpServer(0)
-    with running(udp) as it:
-        assert it.ask(GROUP) == it.ask("127.0.0.1") == [(LOOPBACK4, udp.port)]
+    with running(udp) as agent_run:
+        assert agent_run.ask(GROUP) == agent_run.ask("127.0.0.1") == [(LOOPBACK4, udp.port)]
 
 
-def test_the_address_that_is_told_is_where_a_board_can_talk():
+def test_the_announced_address_serves_boards():
     udp = UdpServer(0, "::")
-    with running(udp) as it:
-        ((address, port),) = it.ask(GROUP)
+    with running(udp) as agent_run:
+        ((address, port),) = agent_run.ask(GROUP)
         line = UdpLine(port, socket.inet_ntop(socket.AF_INET6, address))
         client = XrceClient(line, 7)
         assert client.open() == ids.STATUS_OK and client.close() == ids.STATUS_OK
@@ -176,22 +176,22 @@ def test_the_address_that_is_told_is_where_a_board_can_talk():
 
 
 def test_udp_comes_before_tcp_and_ipv4_before_ipv6():
-    both = UdpServer(0, "::"), UdpServer(0)
-    with running(TcpServer(0, "::"), TcpServer(0), *both) as it:
-        told = it.ask()
-        assert [address for address, _ in told] == [LOOPBACK4, LOOPBACK6] * 2
-        assert [port for _, port in told[:2]] == [both[1].port, both[0].port]
+    udp_servers = UdpServer(0, "::"), UdpServer(0)
+    with running(TcpServer(0, "::"), TcpServer(0), *udp_servers) as agent_run:
+        locators = agent_run.ask()
+        assert [address for address, _ in locators] == [LOOPBACK4, LOOPBACK6] * 2
+        assert [port for _, port in locators[:2]] == [udp_servers[1].port, udp_servers[0].port]
 
 
 def test_udp_and_tcp_on_one_port_are_one_locator():
     server = DiscoveryServer([UdpServer(8888), TcpServer(8888), TcpServer(8889)])
-    found = server.locators(("127.0.0.1", 9))
-    assert found == [(LOOPBACK4, 8888), (LOOPBACK4, 8889)]
+    locators = server.locators(("127.0.0.1", 9))
+    assert locators == [(LOOPBACK4, 8888), (LOOPBACK4, 8889)]
 
 
-def test_a_port_with_tls_is_not_offered_to_clients_that_would_speak_plain(tmp_path):
-    made = Authority(tmp_path)
-    tls = TlsServer(8889, "0.0.0.0", Certificates(*made.agent(), made.ca))
+def test_a_port_with_tls_is_not_announced(tmp_path):
+    authority = Authority(tmp_path)
+    tls = TlsServer(8889, "0.0.0.0", Certificates(*authority.agent(), authority.ca))
     server = DiscoveryServer([tls, TcpServer(8888)])
     assert server.locators(("127.0.0.1", 9)) == [(LOOPBACK4, 8888)]
 
@@ -201,19 +201,19 @@ def test_no_more_locators_than_a_c_client_has_room_for():
     assert len(server.locators(("127.0.0.1", 9))) == MAX_LOCATORS
 
 
-def locators(listens_on, asker, here, monkeypatch):
-    monkeypatch.setattr(addresses, "own_address", lambda _: here)
+def locators(listens_on, asker, own_address, monkeypatch):
+    monkeypatch.setattr(addresses, "own_address", lambda _: own_address)
     interfaces = {"lo": "127.0.0.1", "e": "192.0.2.2"}
     monkeypatch.setattr(addresses, "ipv4_by_interface", lambda: interfaces)
     monkeypatch.setattr(addresses, "ipv6_of", {"e": "2001:db8::2", None: "2001:db8::3"}.get)
-    found = DiscoveryServer([UdpServer(8888, listens_on)]).locators((asker, 1))
-    assert all(port == 8888 for _, port in found)
+    addresses_and_ports = DiscoveryServer([UdpServer(8888, listens_on)]).locators((asker, 1))
+    assert all(port == 8888 for _, port in addresses_and_ports)
     family = socket.AF_INET6 if ":" in listens_on else socket.AF_INET
-    return [socket.inet_ntop(family, address) for address, _ in found]
+    return [socket.inet_ntop(family, address) for address, _ in addresses_and_ports]
 
 
 @pytest.mark.parametrize(
-    ("listens_on", "asker", "here", "told"),
+    ("listens_on", "asker", "own_address", "expected"),
     [
         ("0.0.0.0", "192.0.2.7", "192.0.2.2", ["192.0.2.2"]),
         ("0.0.0.0", "127.0.0.1", "127.0.0.1", ["127.0.0.1"]),
@@ -232,60 +232,62 @@ def locators(listens_on, asker, here, monkeypatch):
         ("fe80::1%e", "192.0.2.7", "192.0.2.2", []),
     ],
 )
-def test_what_an_asker_is_told(listens_on, asker, here, told, monkeypatch):
-    assert locators(listens_on, asker, here, monkeypatch) == told
+def test_the_announced_address_for_each_asker(
+    listens_on, asker, own_address, expected, monkeypatch
+):
+    assert locators(listens_on, asker, own_address, monkeypatch) == expected
 
 
-def test_who_cannot_come_is_not_answered():
-    with running(MemoryServer()) as it:
-        sock = it.asker()
-        sock.sendto(C_QUESTION, ("127.0.0.1", it.discovery.port))
-        sock.sendto(b"x", ("127.0.0.1", it.discovery.port))
-        wait_for(it.said.getvalue, "not a question for agents")
+def test_without_a_network_transport_questions_get_no_answer():
+    with running(MemoryServer()) as agent_run:
+        sock = agent_run.asker()
+        sock.sendto(C_QUESTION, ("127.0.0.1", agent_run.discovery.port))
+        sock.sendto(b"x", ("127.0.0.1", agent_run.discovery.port))
+        wait_for(agent_run.said.getvalue, "not a question for agents")
         sock.setblocking(False)
         with pytest.raises(BlockingIOError):
             sock.recv(100)
-        assert "nothing to discover" in it.said.getvalue()
+        assert "nothing to discover" in agent_run.said.getvalue()
 
 
 # --- neighbours on the port --------------------------------------------------------------------
 
 
 def neighbour(port, group=None):
-    """What a DDS has in domain 0: a socket on the same port, of another group."""
+    """Return a socket as DDS has in domain 0: on the same port, of another group."""
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     sock.bind(("0.0.0.0", port))
     if group:
-        both = socket.inet_aton(group) + LOOPBACK4
-        sock.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, both)
+        membership = socket.inet_aton(group) + LOOPBACK4
+        sock.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
     sock.settimeout(SECONDS)
     return sock
 
 
-def test_a_dds_that_comes_later_takes_nothing_away_and_is_not_heard():
+def test_a_dds_participant_on_the_port_does_not_disturb_discovery():
     udp = UdpServer(0)
-    with running(udp) as it, neighbour(it.discovery.port, "239.255.0.1") as dds:
-        sock = it.asker()
-        sock.sendto(b"RTPS\2\5\1\x10" + bytes(40), ("239.255.0.1", it.discovery.port))
+    with running(udp) as agent_run, neighbour(agent_run.discovery.port, "239.255.0.1") as dds:
+        sock = agent_run.asker()
+        sock.sendto(b"RTPS\2\5\1\x10" + bytes(40), ("239.255.0.1", agent_run.discovery.port))
         assert dds.recv(100).startswith(b"RTPS")
-        assert it.ask("127.0.0.1") == it.ask(GROUP) == [(LOOPBACK4, udp.port)]
-        assert it.discovery.faults == 0
+        assert agent_run.ask("127.0.0.1") == agent_run.ask(GROUP) == [(LOOPBACK4, udp.port)]
+        assert agent_run.discovery.faults == 0
 
 
 def test_two_agents_on_the_port_are_both_found_in_the_group():
-    with running(UdpServer(0)) as one, running(UdpServer(0), port=one.discovery.port) as two:
-        sock = one.asker()
-        sock.sendto(C_QUESTION, (GROUP, one.discovery.port))
-        found = [info(sock.recv(2000))[4][0] for _ in range(2)]
-        ports = {it.discovery._servers[0].port for it in (one, two)}
-        assert {port for _, port in found} == ports and len(ports) == 2
+    with running(UdpServer(0)) as first, running(UdpServer(0), port=first.discovery.port) as second:
+        sock = first.asker()
+        sock.sendto(C_QUESTION, (GROUP, first.discovery.port))
+        locators = [info(sock.recv(2000))[4][0] for _ in range(2)]
+        ports = {agent_run.discovery._servers[0].port for agent_run in (first, second)}
+        assert {port for _, port in locators} == ports and len(ports) == 2
 
 
-def test_a_port_that_is_not_shared_says_what_to_do():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
-        other.bind(("0.0.0.0", 0))
-        port = other.getsockname()[1]
+def test_a_port_that_is_not_shared_names_the_remedy():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port_owner:
+        port_owner.bind(("0.0.0.0", 0))
+        port = port_owner.getsockname()[1]
         with pytest.raises(TransportError) as caught:
             DiscoveryServer([], port).open(None)
     assert f"UDP port {port} is in use" in str(caught.value)
@@ -295,21 +297,21 @@ def test_a_port_that_is_not_shared_says_what_to_do():
 # --- interfaces ----------------------------------------------------------------------------------
 
 
-def test_the_log_says_where_it_listens():
-    with running(UdpServer(0)) as it:
-        said = it.said.getvalue()
-        where = f"port: {it.discovery.port}, group: {GROUP}, interfaces: lo (127.0.0.1)"
-        assert "DiscoveryServer" in said and where in said
-        assert "only this machine can find the agent" in said
+def test_the_log_has_port_group_and_interfaces():
+    with running(UdpServer(0)) as agent_run:
+        log = agent_run.said.getvalue()
+        where = f"port: {agent_run.discovery.port}, group: {GROUP}, interfaces: lo (127.0.0.1)"
+        assert "DiscoveryServer" in log and where in log
+        assert "only this machine can find the agent" in log
 
 
 class Host:
-    """A server that notes what its transport wants."""
+    """A server that records the calls of its transport."""
 
     clock = Clock()
 
     def __init__(self):
-        self.watched, self.later, self.said = set(), [], []
+        self.watched, self.calls, self.said = set(), [], []
 
     def watch(self, fileno, ready, writing=False):
         self.watched.add(fileno)
@@ -319,35 +321,35 @@ class Host:
 
     def wake_at(self, seconds, call):
         assert seconds == SCAN_PAUSE
-        self.later.append(call)
+        self.calls.append(call)
 
-    def note(self, level, part, function, what, about):
-        self.said.append((what, about))
+    def note(self, level, part, function, event, about):
+        self.said.append((event, about))
 
 
 @pytest.fixture
 def opened(monkeypatch):
-    """A server whose interfaces are ``found``, to be looked at by ``scan()``."""
-    found = {"lo": "127.0.0.1"}
-    monkeypatch.setattr(addresses, "ipv4_by_interface", lambda: dict(found))
+    """A server that finds ``interfaces`` at each ``scan()``."""
+    interfaces = {"lo": "127.0.0.1"}
+    monkeypatch.setattr(addresses, "ipv4_by_interface", lambda: dict(interfaces))
     host, server = Host(), DiscoveryServer([UdpServer(0)], 0)
     server.open(host)
-    server.found = found
-    server.scan = lambda: host.later.pop()()
+    server.interfaces = interfaces
+    server.scan = lambda: host.calls.pop()()
     yield host, server
     server.close()
     server.close()
     assert host.watched == set()
 
 
-def test_interfaces_come_and_go(opened):
+def test_interfaces_that_appear_and_disappear(opened):
     host, server = opened
     host.said.clear()
-    server.found["lo2"] = "127.0.0.2"
+    server.interfaces["lo2"] = "127.0.0.2"
     server.scan()
     assert host.said == [("interface found", "lo2 (127.0.0.2)")] and len(host.watched) == 3
-    del server.found["lo"]
-    server.found["lo2"] = "127.0.0.3"
+    del server.interfaces["lo"]
+    server.interfaces["lo2"] = "127.0.0.3"
     server.scan()
     assert ("interface lost", "lo (127.0.0.1)") in host.said
     assert len(host.watched) == 2 and server._own["lo2"][0] == "127.0.0.3"
@@ -358,31 +360,31 @@ def test_interfaces_come_and_go(opened):
 
 def test_an_interface_without_multicast_is_named_once_and_tried_again(opened, monkeypatch):
     host, server = opened
-    server.found["wlan0"] = "192.0.2.55"  # no interface of ours has it: ENODEV
+    server.interfaces["wlan0"] = "192.0.2.55"  # no interface of ours has it: ENODEV
     for _ in range(3):
         server.scan()
-    said = [about for what, about in host.said if what == "no multicast"]
-    assert len(said) == 1 and "wlan0 (192.0.2.55)" in said[0] and "ip route add" in said[0]
-    server.found["wlan0"] = "127.0.0.9"
+    notes = [about for event, about in host.said if event == "no multicast"]
+    assert len(notes) == 1 and "wlan0 (192.0.2.55)" in notes[0] and "ip route add" in notes[0]
+    server.interfaces["wlan0"] = "127.0.0.9"
     server.scan()
     assert ("interface found", "wlan0 (127.0.0.9)") in host.said
 
 
-def test_a_membership_that_was_lost_is_taken_again(opened):
+def test_a_lost_membership_is_renewed(opened):
     host, server = opened
-    both = socket.inet_aton(GROUP) + LOOPBACK4
-    server._group.setsockopt(socket.IPPROTO_IP, socket.IP_DROP_MEMBERSHIP, both)
+    membership = socket.inet_aton(GROUP) + LOOPBACK4
+    server._group.setsockopt(socket.IPPROTO_IP, socket.IP_DROP_MEMBERSHIP, membership)
     server.scan()
-    with pytest.raises(OSError) as caught:  # it is in the group
-        server._group.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, both)
+    with pytest.raises(OSError) as caught:  # the socket is in the group
+        server._group.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
     assert caught.value.errno == errno.EADDRINUSE
 
 
-def test_nothing_is_looked_at_after_the_end(opened):
+def test_interfaces_are_not_scanned_after_close(opened):
     host, server = opened
     server.close()
     server.scan()
-    assert host.later == [] and host.watched == set()
+    assert host.calls == [] and host.watched == set()
 
 
 def test_no_interface_at_all(monkeypatch):
@@ -404,7 +406,7 @@ def test_answers_to_one_address_are_limited():
     assert sum(limit.take("192.0.2.1", 6.0) for _ in range(900)) == MAX_ANSWERS
 
 
-def test_answers_to_all_are_limited_and_so_is_what_is_remembered():
+def test_answers_to_all_addresses_are_limited_and_so_is_their_memory():
     limit = answer_limit()
     assert sum(limit.take(str(i), 5.0) for i in range(9999)) == MAX_ANSWERS_IN_ALL
     assert len(limit) == MAX_ANSWERS_IN_ALL
@@ -412,7 +414,7 @@ def test_answers_to_all_are_limited_and_so_is_what_is_remembered():
     assert len(limit) <= 2 * MAX_ANSWERS_IN_ALL
 
 
-def test_a_flood_of_questions_is_answered_so_often():
+def test_a_flood_of_questions_gets_a_limited_number_of_answers():
     now = [100.0]
     host, server = Host(), DiscoveryServer([UdpServer(8888)], 0)
     host.clock = Clock(lambda: now[0])
@@ -426,13 +428,13 @@ def test_a_flood_of_questions_is_answered_so_often():
             own = server._own["lo"][1]
             for _ in range(times // 64 + 1):
                 server._drain(own)
-            got = 0
+            answers = 0
             sock.setblocking(False)
             try:
                 while sock.recv(2000):
-                    got += 1
+                    answers += 1
             except BlockingIOError:
-                return got
+                return answers
 
         assert ask(100) == MAX_ANSWERS
         assert ask(10) == 0
@@ -455,34 +457,36 @@ BAD = {
 
 @pytest.mark.parametrize("name", BAD)
 def test_bad_datagrams_are_counted_and_the_next_is_answered(name):
-    with running(UdpServer(0)) as it:
-        sock = it.asker()
+    with running(UdpServer(0)) as agent_run:
+        sock = agent_run.asker()
         for where in ("127.0.0.1", GROUP):
-            sock.sendto(BAD[name], (where, it.discovery.port))
-            assert it.ask(where, sock=sock)
-        assert it.discovery.faults == 2
-        assert it.said.getvalue().count("not a question for agents") == 1  # no flood of lines
+            sock.sendto(BAD[name], (where, agent_run.discovery.port))
+            assert agent_run.ask(where, sock=sock)
+        assert agent_run.discovery.faults == 2
+        assert (
+            agent_run.said.getvalue().count("not a question for agents") == 1
+        )  # limited log lines
 
 
-def test_a_board_that_begins_its_session_here_is_told_where_to():
+def test_a_create_client_on_the_discovery_port_is_logged_with_the_remedy():
     udp, tcp = UdpServer(0), TcpServer(0)
-    with running(udp, tcp) as it:
-        it.asker().sendto(create_client(7), ("127.0.0.1", it.discovery.port))
-        wait_for(it.said.getvalue, "not a question for agents")
-        assert f"boards talk to it at UDP {udp.port}, TCP {tcp.port}" in it.said.getvalue()
-        assert it.server.agent.clients == {}
+    with running(udp, tcp) as agent_run:
+        agent_run.asker().sendto(create_client(7), ("127.0.0.1", agent_run.discovery.port))
+        wait_for(agent_run.said.getvalue, "not a question for agents")
+        assert f"boards talk to it at UDP {udp.port}, TCP {tcp.port}" in agent_run.said.getvalue()
+        assert agent_run.server.agent.clients == {}
 
 
 @given(st.lists(st.binary(max_size=80), max_size=20))
 def test_any_datagrams(datagrams):
-    with running(UdpServer(0)) as it:
-        sock = it.asker()
+    with running(UdpServer(0)) as agent_run:
+        sock = agent_run.asker()
         for datagram in datagrams:
-            sock.sendto(datagram, ("127.0.0.1", it.discovery.port))
-        it.ask(GROUP)
+            sock.sendto(datagram, ("127.0.0.1", agent_run.discovery.port))
+        agent_run.ask(GROUP)
 
 
-def test_nobody_is_sent_to():
+def test_no_datagram_is_sent_to_an_invalid_address():
     server = DiscoveryServer([])
     server.send(("127.0.0.1", 9), b"x")
     assert server.address(("127.0.0.1", 9)) == "127.0.0.1:9" and server.sessions == {}

@@ -1,4 +1,4 @@
-"""TCP at its worst: split lengths, endless ones, closed and stuffed connections."""
+"""TCP faults: split and endless lengths, closed and full connections."""
 
 import errno
 import random
@@ -36,12 +36,12 @@ def framed(datagram):
 
 
 def answers(sock, count):
-    deframer, got = LengthDeframer(), []
-    while len(got) < count:
+    deframer, messages = LengthDeframer(), []
+    while len(messages) < count:
         chunk = sock.recv(65536)
         assert chunk, "the agent closed the connection"
-        got += deframer.feed(chunk)
-    return got
+        messages += deframer.feed(chunk)
+    return messages
 
 
 def test_a_message_in_single_bytes(raw):
@@ -65,7 +65,7 @@ def test_empty_messages_are_passed_over(raw):
     assert len(answers(raw, 1)) == 1
 
 
-def test_a_length_that_never_comes_true(raw, bystanders):
+def test_an_announced_length_that_never_arrives(raw, bystanders):
     raw.sendall(b"\xff\xff" + bytes(60_000))
     bystanders.check()
     raw.sendall(bytes(5535) + framed(PING))
@@ -95,7 +95,9 @@ def test_a_half_closed_connection_ends_its_session(agent, raw):
     answers(raw, 1)
     raw.shutdown(socket.SHUT_WR)
     assert raw.recv(10) == b""
-    wait_for(agent.said.getvalue, "client_key: 0x00000078", 4)  # the last line is its end
+    wait_for(
+        agent.said.getvalue, "client_key: 0x00000078", 4
+    )  # the last line is the end of the session
     assert 0x78 not in agent.agent.clients
 
 
@@ -108,36 +110,36 @@ def test_connections_over_the_limit_are_refused(agent, raw, monkeypatch):
     raw.sendall(framed(PING))
     answers(raw, 1)
     monkeypatch.setattr(module, "MAX_CONNECTIONS", len(agent.transport._connections))
-    with socket.create_connection(("127.0.0.1", agent.transport.port), SECONDS) as other:
-        assert other.recv(1) == b""
+    with socket.create_connection(("127.0.0.1", agent.transport.port), SECONDS) as second_socket:
+        assert second_socket.recv(1) == b""
     assert "connection refused" in agent.said.getvalue()
     monkeypatch.undo()
-    with socket.create_connection(("127.0.0.1", agent.transport.port), SECONDS) as other:
-        other.sendall(framed(PING))
-        assert answers(other, 1)
+    with socket.create_connection(("127.0.0.1", agent.transport.port), SECONDS) as second_socket:
+        second_socket.sendall(framed(PING))
+        assert answers(second_socket, 1)
 
 
-def test_a_flood_of_connections_over_the_limit_is_no_flood_of_lines(agent, raw, monkeypatch):
+def test_connections_over_the_limit_write_few_log_lines(agent, raw, monkeypatch):
     before = agent.said.getvalue().count("connection refused")
     monkeypatch.setattr(module, "MAX_CONNECTIONS", len(agent.transport._connections))
     for _ in range(64):
-        with socket.create_connection(("127.0.0.1", agent.transport.port), SECONDS) as other:
-            assert other.recv(1) == b""
+        with socket.create_connection(
+            ("127.0.0.1", agent.transport.port), SECONDS
+        ) as second_socket:
+            assert second_socket.recv(1) == b""
     assert agent.said.getvalue().count("connection refused") - before < 10
 
 
-def test_what_comes_behind_the_message_that_ends_the_connection_is_not_handled(
-    agent, raw, monkeypatch
-):
-    """A session on a connection that is gone would be there for good."""
+def test_messages_behind_the_one_that_ends_the_connection_are_not_handled(agent, raw, monkeypatch):
+    """A session on a closed connection would never be deleted."""
     monkeypatch.setattr(module, "MAX_UNSENT", 0)  # the first answer is one too many
     raw.sendall(framed(PING) + framed(create_client(0x7C)))
     assert raw.recv(1) == b""
     assert 0x7C not in agent.agent.clients
 
 
-def test_without_descriptors_it_waits_and_does_not_spin():
-    """accept() fails and goes on failing; the listener is left alone for a while."""
+def test_without_descriptors_the_listener_waits_and_does_not_spin():
+    """accept() keeps failing; the listener is not polled for a while."""
 
     class Host:
         clock = Clock()

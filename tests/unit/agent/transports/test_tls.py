@@ -1,4 +1,4 @@
-"""TLS at the agent's end: who is admitted, what is logged of others, hostile handshakes."""
+"""TLS of the agent: admitted clients, log lines of refused ones, hostile handshakes."""
 
 import datetime
 import random
@@ -49,11 +49,11 @@ def agent():
 
 @pytest.fixture
 def strict(tmp_path):
-    """(agent, authority): an agent that wants certificates of its CA."""
-    made = Authority(tmp_path)
-    server = TlsServer(0, "127.0.0.1", Certificates(*made.agent(), made.ca))
+    """Yield (agent, authority): an agent that requires certificates of its CA."""
+    authority = Authority(tmp_path)
+    server = TlsServer(0, "127.0.0.1", Certificates(*authority.agent(), authority.ca))
     with serving(RunningAgent(server, "memory", 0, 4)) as running:
-        yield running, made
+        yield running, authority
 
 
 def connected(port, context):
@@ -66,7 +66,7 @@ def connected(port, context):
 
 
 def is_closed(sock):
-    """Whether the agent ends the connection, whatever it says before."""
+    """Return whether the agent ends the connection, whatever it sends before."""
     try:
         while sock.recv(65536):
             pass
@@ -91,9 +91,9 @@ def test_a_client_without_a_certificate_where_none_is_asked_for(agent, version):
 
 
 @pytest.mark.parametrize("version", ["TLSv1_2", "TLSv1_3"])
-def test_the_name_in_a_clients_certificate_stands_in_the_log(strict, version):
-    agent, made = strict
-    context = made.client("left arm")
+def test_the_name_in_a_clients_certificate_is_logged(strict, version):
+    agent, authority = strict
+    context = authority.client("left arm")
     context.minimum_version = context.maximum_version = ssl.TLSVersion[version]
     line = TlsLine(agent.transport.port, context)
     client = XrceClient(line, 0x11)
@@ -111,9 +111,9 @@ def test_the_name_in_a_clients_certificate_stands_in_the_log(strict, version):
     wait_for(agent.said.getvalue, "session closed")
 
 
-def test_names_that_would_look_like_another():
+def test_names_that_could_be_mistaken_for_another_are_escaped():
     def named(*values):
-        return _name_in({"subject": tuple((("commonName", it),) for it in values)})
+        return _name_in({"subject": tuple((("commonName", name),) for name in values)})
 
     assert named("a) (CN=b") == "a%29 %28CN%3Db"
     assert named("a\n[0.1] info\x1b[31m") == "a%0A%5B0.1%5D info%1B%5B31m"
@@ -128,12 +128,12 @@ def test_names_that_would_look_like_another():
 
 
 def test_openssl_s_client_gets_its_answer(strict):
-    """Software that is not ours at all: a ping by its length, and the agent's INFO."""
-    agent, made = strict
-    cert, key = made.issue("bench")
+    """Independent software sends a ping with its length and gets the agent's INFO."""
+    agent, authority = strict
+    cert, key = authority.issue("bench")
     done = subprocess.Popen(
         ["openssl", "s_client", "-quiet", "-connect", f"127.0.0.1:{agent.transport.port}",
-         "-CAfile", made.ca, "-verify_return_error", "-verify_ip", "127.0.0.1",
+         "-CAfile", authority.ca, "-verify_return_error", "-verify_ip", "127.0.0.1",
          "-cert", cert, "-key", key],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
     )  # fmt: skip
@@ -150,7 +150,7 @@ def test_openssl_s_client_gets_its_answer(strict):
 
 
 def refusals(strict, context):
-    """What the log says of a client that does not get in, which gets no answer either."""
+    """Return the log lines of a refused client, which must get no answer."""
     agent, _ = strict
     with pytest.raises((ssl.SSLError, ConnectionError)):
         with connected(agent.transport.port, context) as sock:
@@ -171,17 +171,17 @@ def at(context, version):
 
 
 @VERSIONS
-def test_no_certificate_where_one_is_asked_for(strict, version):
-    said = refusals(strict, at(strict[1].client(), version))
-    assert "it shows no certificate, which --tls-ca demands: give its program cert and key" in said
+def test_a_client_without_the_required_certificate(strict, version):
+    log = refusals(strict, at(strict[1].client(), version))
+    assert "it shows no certificate, which --tls-ca demands: give its program cert and key" in log
 
 
 @VERSIONS
 def test_a_certificate_of_another_ca(strict, version, tmp_path):
     context = Authority(tmp_path / "other").client("left", trust=strict[1].ca)
-    said = refusals(strict, at(context, version))
-    assert "its certificate is refused (unable to get local issuer certificate)" in said
-    assert "that the CA of --tls-ca has signed" in said
+    log = refusals(strict, at(context, version))
+    assert "its certificate is refused (unable to get local issuer certificate)" in log
+    assert "that the CA of --tls-ca has signed" in log
 
 
 @VERSIONS
@@ -190,32 +190,32 @@ def test_an_expired_certificate(strict, version):
     cert, key = strict[1].issue("old", not_after=now - datetime.timedelta(days=1))
     context = at(strict[1].client(), version)
     context.load_cert_chain(cert, key)
-    said = refusals(strict, context)
-    assert "its certificate is refused (certificate has expired)" in said
+    log = refusals(strict, context)
+    assert "its certificate is refused (certificate has expired)" in log
 
 
 @VERSIONS
 def test_a_client_that_does_not_trust_the_agent(strict, version, tmp_path):
     context = at(Authority(tmp_path / "other").client(), version)
-    said = refusals(strict, context)
-    assert "it refuses the agent's certificate (tlsv1 alert unknown ca)" in said
-    assert "give the board the CA that has signed it" in said
+    log = refusals(strict, context)
+    assert "it refuses the agent's certificate (tlsv1 alert unknown ca)" in log
+    assert "give the board the CA that has signed it" in log
 
 
-def test_tls_of_yesterday(strict):
-    """A hello that offers TLS 1.1: OpenSSL's own clients have it no more."""
+def test_outdated_tls_is_refused(strict):
+    """A ClientHello that offers TLS 1.1, which OpenSSL's clients no longer support."""
     agent, _ = strict
     suites = b"\x00\x2f\x00\x35"
     body = b"\x03\x02" + bytes(32) + b"\0" + struct.pack(">H", len(suites)) + suites + b"\1\0"
-    hello = b"\1" + len(body).to_bytes(3, "big") + body
+    client_hello = b"\1" + len(body).to_bytes(3, "big") + body
     with socket.create_connection(("127.0.0.1", agent.transport.port), SECONDS) as sock:
-        sock.sendall(b"\x16\x03\x01" + struct.pack(">H", len(hello)) + hello)
+        sock.sendall(b"\x16\x03\x01" + struct.pack(">H", len(client_hello)) + client_hello)
         assert is_closed(sock)
     wait_for(agent.said.getvalue, "it has no TLS 1.2 or later")
     assert "(unsupported protocol): update its TLS" in agent.said.getvalue()
 
 
-def test_a_client_without_tls_is_told_of_in_the_log(agent, raw):
+def test_a_client_without_tls_is_logged(agent, raw):
     raw.sendall(framed(create_client(0x77)))
     assert is_closed(raw)
     wait_for(agent.said.getvalue, "it does not use TLS, which this port requires")
@@ -226,7 +226,7 @@ def test_a_client_without_tls_is_told_of_in_the_log(agent, raw):
 @pytest.mark.parametrize("version", ["TLSv1_2", "TLSv1_3"])
 def test_a_client_with_tls_on_a_port_without(version):
     with running_agent("tcp", "memory") as agent:
-        others = Bystanders(agent)
+        bystanders = Bystanders(agent)
         with pytest.raises((ssl.SSLError, ConnectionError)):
             connected(agent.transport.port, at(authority().client(), version))
         wait_for(agent.said.getvalue, "it begins TLS, which this port does not speak")
@@ -236,10 +236,10 @@ def test_a_client_with_tls_on_a_port_without(version):
                 sock.sendall(HELLO_BYTES)
                 assert is_closed(sock)
         assert agent.said.getvalue().count("it begins TLS") < 8
-        others.check()
+        bystanders.check()
 
 
-def test_only_a_hello_is_taken_for_one():
+def test_only_a_client_hello_is_recognised_as_one():
     assert tcp.is_client_hello(HELLO_BYTES)
     for size in range(9):
         assert not tcp.is_client_hello(HELLO_BYTES[:size])
@@ -272,7 +272,7 @@ def test_half_a_handshake_and_an_abrupt_end(agent, bystanders, sent):
 
 
 def recorded_hello():
-    """A whole ClientHello of OpenSSL's."""
+    """Return a complete ClientHello of OpenSSL."""
     incoming, outgoing = ssl.MemoryBIO(), ssl.MemoryBIO()
     client = authority().client().wrap_bio(incoming, outgoing, server_hostname="localhost")
     with pytest.raises(ssl.SSLWantReadError):
@@ -286,24 +286,30 @@ def recorded_hello():
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 @given(data=st.data())
-def test_whatever_comes_instead_of_a_handshake(agent, bystanders, data):
-    hello = recorded_hello()
+def test_any_bytes_instead_of_a_handshake(agent, bystanders, data):
+    client_hello = recorded_hello()
     chunk = st.one_of(
         st.binary(max_size=300),
-        st.integers(0, len(hello)).map(lambda it: hello[:it]),
-        st.tuples(st.integers(0, len(hello) - 1), st.integers(1, 255)).map(
-            lambda it: hello[: it[0]] + bytes([hello[it[0]] ^ it[1]]) + hello[it[0] + 1 :]
+        st.integers(0, len(client_hello)).map(lambda length: client_hello[:length]),
+        st.tuples(st.integers(0, len(client_hello) - 1), st.integers(1, 255)).map(
+            lambda length: (
+                client_hello[: length[0]]
+                + bytes([client_hello[length[0]] ^ length[1]])
+                + client_hello[length[0] + 1 :]
+            )
         ),
         st.tuples(st.integers(20, 24), st.binary(max_size=60)).map(
-            lambda it: bytes([it[0]]) + b"\x03\x03" + struct.pack(">H", len(it[1])) + it[1]
+            lambda length: (
+                bytes([length[0]]) + b"\x03\x03" + struct.pack(">H", len(length[1])) + length[1]
+            )
         ),
     )
     chunks = data.draw(st.lists(chunk, min_size=1, max_size=4))
     shut = data.draw(st.booleans())
     with socket.create_connection(("127.0.0.1", agent.transport.port), SECONDS) as sock:
         try:
-            for it in chunks:
-                sock.sendall(it)
+            for length in chunks:
+                sock.sendall(length)
             if shut:
                 sock.shutdown(socket.SHUT_WR)
                 is_closed(sock)
@@ -313,7 +319,7 @@ def test_whatever_comes_instead_of_a_handshake(agent, bystanders, data):
 
 
 def test_random_bytes_behind_the_handshake(agent, bystanders):
-    """Records that nobody has signed, over the socket below TLS."""
+    """Unauthenticated records, sent over the socket below TLS."""
     rng = random.Random(7)
     for kind in (20, 21, 22, 23, 24, 0x80):
         with connected(agent.transport.port, authority().client()) as sock:
@@ -336,29 +342,29 @@ def test_messages_cut_anywhere_and_records_of_many(agent, bystanders):
     bystanders.check()
 
 
-def test_what_openssl_has_decrypted_already_is_not_left_there(agent, monkeypatch):
-    """A chunk smaller than a record: no further byte comes that would wake the selector."""
+def test_bytes_that_openssl_has_decrypted_already_are_read(agent, monkeypatch):
+    """The chunk is smaller than a record: no further byte would wake the selector."""
     monkeypatch.setattr(tcp, "_CHUNK", 100)
     with connected(agent.transport.port, authority().client()) as sock:
         sock.sendall(framed(PING) * 300)
         assert len(answers(sock, 300)) == 300
 
 
-def test_a_client_that_wants_to_negotiate_again_is_cut_off(agent, bystanders):
-    """openssl's R does it, with TLS 1.2."""
+def test_a_client_that_renegotiates_is_disconnected(agent, bystanders):
+    """The command R of openssl s_client renegotiates, with TLS 1.2."""
     command = ["openssl", "s_client", "-tls1_2", "-connect", f"127.0.0.1:{agent.transport.port}"]
     done = subprocess.run(
         [*command, "-CAfile", authority().ca, "-legacy_renegotiation"],
         input=b"R\n", capture_output=True, timeout=SECONDS,
     )  # fmt: skip
-    said = done.stdout + done.stderr
-    assert b"RENEGOTIATING" in said
-    assert b"no renegotiation" in said or b"handshake failure" in said, said
+    output = done.stdout + done.stderr
+    assert b"RENEGOTIATING" in output
+    assert b"no renegotiation" in output or b"handshake failure" in output, output
     bystanders.check()
 
 
-def test_keys_that_are_changed_for_ever(agent, bystanders):
-    """TLS 1.3 has KeyUpdate instead: openssl's k asks for one, which is answered."""
+def test_endless_key_updates(agent, bystanders):
+    """TLS 1.3 has KeyUpdate instead: the command k of openssl requests one, which is answered."""
     command = ["openssl", "s_client", "-tls1_3", "-connect", f"127.0.0.1:{agent.transport.port}"]
     subprocess.run(
         [*command, "-CAfile", authority().ca], input=b"K\n" * 200, capture_output=True,
@@ -372,8 +378,8 @@ def test_a_client_that_does_not_read_is_disconnected_alone(agent, bystanders, mo
     check_a_client_that_does_not_read_is_disconnected(agent, bystanders)
 
 
-def test_who_reads_slowly_gets_it_all(agent):
-    """More than a socket takes at once, in records that are sent by and by."""
+def test_a_client_that_reads_slowly_gets_all_messages(agent):
+    """More data than a socket accepts at once is sent record by record."""
     line = agent.line()
     line._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
     slow = XrceClient(line, 0x7A, mtu=60_000)
@@ -387,45 +393,47 @@ def test_who_reads_slowly_gets_it_all(agent):
     assert slow.close() == 0
 
 
-def test_a_farewell_is_said(agent):
-    """So that the other end knows that nobody has cut the connection."""
+def test_close_notify_is_sent(agent):
+    """close_notify shows the peer that the connection was not cut."""
     with connected(agent.transport.port, authority().client()) as sock:
         sock.suppress_ragged_eofs = False
         sock.sendall(framed(PING))
         answers(sock, 1)
-        connection = max(agent.transport._names, key=lambda it: it.whole)
+        connection = max(agent.transport._names, key=lambda connection_name: connection_name.whole)
         agent.server.wake_at(0.0, lambda: agent.transport._drop(connection))
         agent.server._wake.set()
         assert sock.recv(1) == b""
 
 
-def test_not_many_sessions_are_kept(monkeypatch):
-    """OpenSSL would keep 20,000, with the clients' certificates."""
+def test_the_number_of_cached_sessions_is_limited(monkeypatch):
+    """OpenSSL would cache 20,000 sessions with the clients' certificates."""
     monkeypatch.setattr(files_module, "MAX_SESSIONS", 5)
     files = own_certificates()
     with serving(RunningAgent(TlsServer(0, "127.0.0.1", files), "memory", 0, 4)) as agent:
-        seen = set()
+        session_ids = set()
         for _ in range(20):
             with connected(agent.transport.port, at(authority().client(), "TLSv1_2")) as sock:
                 sock.sendall(framed(PING))
                 answers(sock, 1)
                 try:
-                    sock.unwrap()  # with a farewell, or it would not be kept
+                    sock.unwrap()  # with close_notify, or the session would not be cached
                 except (OSError, ValueError):
                     pass
-            seen.add(files.context().session_stats()["number"])
-        assert 3 <= max(seen) <= 6
+            session_ids.add(files.context().session_stats()["number"])
+        assert 3 <= max(session_ids) <= 6
 
 
-def test_a_new_certificate_is_taken_without_a_restart(tmp_path):
+def test_a_new_certificate_is_used_without_a_restart(tmp_path):
     old, new = Authority(tmp_path / "old"), Authority(tmp_path / "new")
     cert, key = old.agent()
-    with serving(RunningAgent(tls_server(0, "127.0.0.1", cert, key, None), "memory", 0, 4)) as it:
-        stays = connected(it.transport.port, old.client())
-        for path, made in zip((cert, key), new.agent(), strict=True):
-            with open(path, "wb") as out, open(made, "rb") as text:
+    with serving(
+        RunningAgent(tls_server(0, "127.0.0.1", cert, key, None), "memory", 0, 4)
+    ) as agent:
+        stays = connected(agent.transport.port, old.client())
+        for path, content in zip((cert, key), new.agent(), strict=True):
+            with open(path, "wb") as out, open(content, "rb") as text:
                 out.write(text.read())
-        with connected(it.transport.port, new.client()) as sock:
+        with connected(agent.transport.port, new.client()) as sock:
             sock.sendall(framed(PING))
             answers(sock, 1)
         with stays:
@@ -434,26 +442,28 @@ def test_a_new_certificate_is_taken_without_a_restart(tmp_path):
         with open(cert, "w") as out:
             out.write("a slip of the editor")
         for _ in range(3):
-            with connected(it.transport.port, new.client()) as sock:
+            with connected(agent.transport.port, new.client()) as sock:
                 sock.sendall(framed(PING))
                 answers(sock, 1)
-        said = it.said.getvalue()
-        assert said.count("cannot use new files") == 1
-        assert "holds no valid certificate" in said and "the former ones stay in use" in said
+        log = agent.said.getvalue()
+        assert log.count("cannot use new files") == 1
+        assert "holds no valid certificate" in log and "the former ones stay in use" in log
 
 
-def test_an_expired_certificate_of_the_agents_own_is_told_at_the_start(tmp_path):
+def test_an_expired_certificate_of_the_agent_is_logged_at_the_start(tmp_path):
     now = datetime.datetime.now(datetime.timezone.utc)
     files = Authority(tmp_path).agent(not_after=now - datetime.timedelta(days=1))
     with serving(RunningAgent(tls_server(0, "127.0.0.1", *files, None), "memory", 0, 4)) as agent:
-        said = agent.said.getvalue()
-        assert "boards will not trust this agent" in said and "certificate has expired" in said
+        log = agent.said.getvalue()
+        assert "boards will not trust this agent" in log and "certificate has expired" in log
 
 
-@pytest.mark.parametrize(("given", "missing"), [((1, 0, 0), "key"), ((0, 1, 0), "cert"),
+@pytest.mark.parametrize(("present", "missing"), [((1, 0, 0), "key"), ((0, 1, 0), "cert"),
                                                 ((0, 0, 1), "cert")])  # fmt: skip
-def test_options_that_belong_together(given, missing):
-    names = [name if it else None for it, name in zip(given, ("c", "k", "a"), strict=True)]
+def test_options_that_belong_together(present, missing):
+    names = [
+        name if is_given else None for is_given, name in zip(present, ("c", "k", "a"), strict=True)
+    ]
     with pytest.raises(TransportError) as caught:
         tls_server(0, "127.0.0.1", *names)
     assert caught.value.strerror.startswith(f"--tls-{missing} is missing: TLS needs --tls-cert")
@@ -486,7 +496,7 @@ class Times:
 
 
 @pytest.fixture
-def made():
+def tls_bench():
     """(server, its host, times)."""
     times = Times()
     host, server = Host(times), TlsServer(0, "127.0.0.1", own_certificates())
@@ -499,8 +509,11 @@ def made():
         sock.connect(("127.0.0.1", server.port))
         sock.settimeout(SECONDS)
         socks.append(sock)
-        here = sock.getsockname()
-        host.until(lambda: here in [it.address for it in server._connections], "the connection")
+        own_address = sock.getsockname()
+        host.until(
+            lambda: own_address in [connection.address for connection in server._connections],
+            "the connection",
+        )
         if hello:
             sock.sendall(recorded_hello())
         return sock
@@ -524,8 +537,8 @@ def is_over(sock):
     return True
 
 
-def test_a_handshake_has_its_time(made):
-    server, host, times, connect = made
+def test_a_handshake_has_a_time_limit(tls_bench):
+    server, host, times, connect = tls_bench
     sock = connect()
     host.until(lambda: server._shaking)
     times.now += module.HANDSHAKE_SECONDS - 0.5
@@ -538,25 +551,31 @@ def test_a_handshake_has_its_time(made):
     assert "no handshake within 10 s" in host.said()
 
 
-def test_handshakes_at_once_are_limited_and_the_greedy_go_first(made, monkeypatch):
-    server, host, times, connect = made
+def test_concurrent_handshakes_are_limited_and_networks_with_most_are_closed_first(
+    tls_bench, monkeypatch
+):
+    server, host, times, connect = tls_bench
     monkeypatch.setattr(module, "MAX_HANDSHAKES", 4)
     greedy = [connect(source="127.0.0.2") for _ in range(4)]
     host.until(lambda: len(server._shaking) == 4)
     more = connect(source="127.0.0.2")
     host.until(lambda: is_over(more))
     assert "over 4 handshakes at once: it may try again" in host.said()
-    others = [connect(source=f"127.0.0.{number}") for number in (3, 4, 5)]
-    host.until(lambda: len({it.network for it in server._shaking}) == 4)
-    assert [is_over(it) for it in greedy] == [True, True, True, False]
-    assert not any(is_over(it) for it in others)
-    late = connect(source="127.0.0.6")  # all have one: who has begun may go on
-    host.until(lambda: is_over(late))
-    assert not any(is_over(it) for it in others) and len(server._shaking) == 4
+    other_sockets = [connect(source=f"127.0.0.{number}") for number in (3, 4, 5)]
+    host.until(lambda: len({connection.network for connection in server._shaking}) == 4)
+    assert [is_over(connection) for connection in greedy] == [True, True, True, False]
+    assert not any(is_over(connection) for connection in other_sockets)
+    late_socket = connect(
+        source="127.0.0.6"
+    )  # each network has one handshake: those that have begun go on
+    host.until(lambda: is_over(late_socket))
+    assert (
+        not any(is_over(connection) for connection in other_sockets) and len(server._shaking) == 4
+    )
 
 
-def test_handshakes_have_their_share_of_the_time_and_who_had_least_goes_first(made):
-    server, host, times, connect = made
+def test_handshakes_have_a_share_of_the_time_and_the_network_with_least_is_served_first(tls_bench):
+    server, host, times, connect = tls_bench
     times.cost = 0.1
     greedy = [connect(source="127.0.0.2") for _ in range(5)]
     host.until(lambda: len(server._shaking) == 5)
@@ -564,10 +583,10 @@ def test_handshakes_have_their_share_of_the_time_and_who_had_least_goes_first(ma
     modest = connect(source="127.0.0.3")
     host.until(lambda: len(server._waiting) == 3)
     host.fire()
-    assert len(server._waiting) == 3  # no time has gone by
+    assert len(server._waiting) == 3  # no time has passed
     times.now += 0.3  # 75 ms, of which 50 are debts
     host.fire()
-    assert {it.network for it in server._waiting} == {"127.0.0.2"}
+    assert {connection.network for connection in server._waiting} == {"127.0.0.2"}
     assert len(server._waiting) == 2
     modest.setblocking(False)
     host.until(lambda: modest.recv(5)[:1] == b"\x16")  # the server's hello
@@ -579,11 +598,11 @@ def test_handshakes_have_their_share_of_the_time_and_who_had_least_goes_first(ma
         assert sock.recv(5)[:1] == b"\x16"
     times.now += 5.0
     server._seconds_left(times.now)
-    assert not server._spent  # nobody is in want: what was, is past
+    assert not server._spent  # no handshake waits: earlier debts no longer count
 
 
-def test_what_waits_for_its_turn_and_goes_away(made):
-    server, host, times, connect = made
+def test_a_waiting_handshake_whose_connection_closes(tls_bench):
+    server, host, times, connect = tls_bench
     times.cost = 0.5
     first, second = connect(), connect()
     host.until(lambda: len(server._waiting) == 1)
@@ -595,15 +614,15 @@ def test_what_waits_for_its_turn_and_goes_away(made):
     assert not server._waiting and not server._shaking and not server._connections
 
 
-def test_a_silent_connection_costs_no_handshake(made):
-    server, host, times, connect = made
+def test_a_silent_connection_costs_no_handshake(tls_bench):
+    server, host, times, connect = tls_bench
     connect(hello=False)
     host.turn(0.01)
     assert not server._shaking and len(server._connections) == 1
 
 
-def test_boards_that_come_all_at_once():
-    """After a restart of the agent: everybody gets in."""
+def test_boards_that_connect_all_at_once():
+    """After a restart of the agent, all boards are admitted."""
     with running_agent("tls", "memory") as agent:
         lines, failed = [], []
 
@@ -615,11 +634,11 @@ def test_boards_that_come_all_at_once():
             except Exception as error:
                 failed.append(error)
 
-        threads = [threading.Thread(target=come, args=(it,)) for it in range(1, 41)]
-        for it in threads:
-            it.start()
-        for it in threads:
-            it.join(SECONDS)
+        threads = [threading.Thread(target=come, args=(index,)) for index in range(1, 41)]
+        for index in threads:
+            index.start()
+        for index in threads:
+            index.join(SECONDS)
         assert not failed and len(agent.agent.clients) == 40
         for line in lines:
             line.close()
