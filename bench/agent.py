@@ -1,10 +1,10 @@
-"""The agent against the bare relay, in one run.
+"""Compares the agent with the bare relay, in one run.
 
     python bench/agent.py [--quick]
 
 Best-effort std_msgs/String of 64 bytes over UDP on loopback, counted by a DDS
-reader in another process. Ratios are agent over relay, so that they mean the
-same on every machine; the goals are printed beside them and decide nothing.
+reader in another process. Ratios are agent over relay, so that machines
+can be compared; the goals are printed beside them, without a check.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ def relay_socket() -> socket.socket:
 
 
 def median_of(runs):  # type: ignore[no-untyped-def]
-    """The run in the middle, by its first number."""
+    """The median run, by its first number."""
     return sorted(runs)[len(runs) // 2]
 
 
 @contextmanager
 def cores_awake() -> Iterator[None]:
-    """Keep every core from sleeping, by processes that run only where nobody else would.
+    """Keep every core from sleeping, by processes with the policy SCHED_IDLE.
 
-    On a virtual machine, waking a sleeping core costs more than what is measured here.
+    On a virtual machine, waking a sleeping core takes longer than the measured operations.
     """
     spin = "import os\nos.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))\nwhile True: pass"
     spinners = [subprocess.Popen([sys.executable, "-c", spin]) for _ in range(os.cpu_count() or 1)]
@@ -51,8 +51,8 @@ def cores_awake() -> Iterator[None]:
 
 
 def bench_round_trip(count: int, runs: int) -> dict[str, tuple[float, float]]:
-    """p50 and p99 in µs, the median of runs taken in turns."""
-    found: dict[str, list[tuple[float, float]]] = {"relay": [], "agent": []}
+    """p50 and p99 in µs, the median of alternating runs."""
+    figures: dict[str, list[tuple[float, float]]] = {"relay": [], "agent": []}
     for _ in range(runs):
         for name in ("relay", "agent"):
             process = relay(True) if name == "relay" else agent()
@@ -64,25 +64,25 @@ def bench_round_trip(count: int, runs: int) -> dict[str, tuple[float, float]]:
                     sock, datagram, at = board.sock, board.sample(text(SIZE), False), 2
                 round_trips(sock, datagram, at, 200)
                 times = round_trips(sock, datagram, at, count)
-                found[name].append((times[len(times) // 2], times[len(times) * 99 // 100]))
+                figures[name].append((times[len(times) // 2], times[len(times) * 99 // 100]))
             finally:
                 process.close()
-    return {name: median_of(values) for name, values in found.items()}
+    return {name: median_of(values) for name, values in figures.items()}
 
 
 def bench_cpu(seconds: float, runs: int) -> list[tuple[str, float, float]]:
-    """(what, relay, agent) of CPU µs a message, and of messages received."""
+    """(figure, relay, agent) of CPU µs a message, and of messages received."""
     rows: dict[str, dict[str, list[float]]] = {}
 
-    def note(what: str, who: str, value: float) -> None:
-        rows.setdefault(what, {}).setdefault(who, []).append(value)
+    def note(what: str, end: str, value: float) -> None:
+        rows.setdefault(what, {}).setdefault(end, []).append(value)
 
     for _ in range(runs):
-        for who in ("relay", "agent"):
-            process = relay(False) if who == "relay" else agent()
+        for end in ("relay", "agent"):
+            process = relay(False) if end == "relay" else agent()
             counter = Process("counter.py", str(DOMAIN), ready="ready")
             try:
-                if who == "relay":
+                if end == "relay":
                     sock, datagram, at = relay_socket(), bytearray(b"\0\0" + bytes(SIZE)), 0
                 else:
                     board = Board(PORT, 0x1000)
@@ -96,31 +96,31 @@ def bench_cpu(seconds: float, runs: int) -> list[tuple[str, float, float]]:
                     count = int(rate * seconds)
                     before = process.cpu()
                     burst(count, rate)
-                    got = settled(counter)
-                    note(f"CPU µs/msg at {rate}/s", who, (process.cpu() - before) / count * 1e6)
-                    note(f"received of {count} at {rate}/s", who, got)
+                    received = settled(counter)
+                    note(f"CPU µs/msg at {rate}/s", end, (process.cpu() - before) / count * 1e6)
+                    note(f"received of {count} at {rate}/s", end, received)
                 before = process.cpu()
                 burst(100_000, 0)
-                got = settled(counter)
-                note("received of 100000 at full speed", who, got)
-                cpu = (process.cpu() - before) / got * 1e6
-                note("CPU µs/msg received, at full speed", who, cpu)
-                if who == "agent":
+                received = settled(counter)
+                note("received of 100000 at full speed", end, received)
+                cpu = (process.cpu() - before) / received * 1e6
+                note("CPU µs/msg received, at full speed", end, cpu)
+                if end == "agent":
                     for rate in (5_000, 20_000):
                         count = int(rate * seconds)
                         before = process.cpu()
-                        took = board.send_reliable(count, rate, text(SIZE))
+                        seconds_taken = board.send_reliable(count, rate, text(SIZE))
                         cpu = (process.cpu() - before) / count * 1e6
-                        got = settled(counter)
-                        note(f"reliable: CPU µs/msg at {rate}/s", who, cpu)
-                        note(f"reliable: received of {count}", who, got)
-                        note(f"reliable: messages a second at {rate}/s", who, count / took)
+                        received = settled(counter)
+                        note(f"reliable: CPU µs/msg at {rate}/s", end, cpu)
+                        note(f"reliable: received of {count}", end, received)
+                        note(f"reliable: messages a second at {rate}/s", end, count / seconds_taken)
             finally:
                 process.close()
                 counter.close()
     out = []
     for what, values in rows.items():
-        middle = {who: sorted(found)[len(found) // 2] for who, found in values.items()}
+        middle = {end: sorted(figures)[len(figures) // 2] for end, figures in values.items()}
         out.append((what, middle.get("relay", 0.0), middle["agent"]))
     return out
 

@@ -1,22 +1,21 @@
-"""What a board pays: heap, garbage and time, as one JSON object: ``make bench-board``.
+"""Measures the heap, garbage and time on a board; prints one JSON object: ``make bench-board``.
 
-Measured on MicroPython 1.27 (WebAssembly: 32-bit pointers, as on boards), from .mpy, as `uros board
-build` makes it; each figure is the median of three runs, each in an interpreter of its own.
+Measured on MicroPython 1.27 (WebAssembly: 32-bit pointers, as on boards), from .mpy, built by `uros
+board build`; each figure is the median of three runs, each in an interpreter of its own.
 
 ==========================  ====================================================================
 ``core_kb``                 the client of ``tests/mpy/measures.py``'s CORE: a node with publishers,
                             subscriptions, services and clients, timers and the executor, the
                             states and their callback, reconnection, time synchronisation,
                             reliable and best-effort streams, and fragments both ways
-``int32_kb``, ``imu_kb``    what publishing and hearing std_msgs/Int32, sensor_msgs/Imu adds to it
-``node_kb``, ``peak_kb``    ``firmware/ra6m5_sensor_node`` while it publishes, and the most that was
-                            ever in use
-``publish_alloc_bytes``     left behind by stamping and publishing a Temperature, and by spinning
+``int32_kb``, ``imu_kb``    in addition, publishing and receiving std_msgs/Int32, sensor_msgs/Imu
+``node_kb``, ``peak_kb``    ``firmware/ra6m5_sensor_node`` while it publishes, and its high water
+``publish_alloc_bytes``     garbage of stamping and publishing a Temperature, and of spinning
 ``imu_encode_ratio`` …      as a multiple of one call of ``struct`` for the whole record
 ``twist_publish_ratio``     publishing a Twist, as a multiple of encoding it
 ==========================  ====================================================================
 
-A kB is 1000 bytes. No goal is checked here; tests/mpy/test_memory.py does that.
+A kB is 1000 bytes. tests/mpy/test_memory.py checks the goals.
 """
 
 from __future__ import annotations
@@ -52,7 +51,7 @@ def heap(program: str) -> int:
 
 
 def firmware() -> tuple[int, int]:
-    """The RA6M5 node on its virtual board, with an agent: in use, and the most that was."""
+    """The RA6M5 node on its virtual board, with an agent: (heap in use, high water)."""
     with (
         tempfile.TemporaryDirectory() as folder,
         RunningBoard(
@@ -93,7 +92,9 @@ def run() -> dict[str, float]:
 
 def main() -> int:
     runs = [run() for _ in range(RUNS)]
-    print(json.dumps({n: round(statistics.median(it[n] for it in runs), 2) for n in NAMES}))
+    print(
+        json.dumps({n: round(statistics.median(figures[n] for figures in runs), 2) for n in NAMES})
+    )
     return 0
 
 

@@ -1,16 +1,16 @@
-"""How long a board takes to encode and to decode a message, in calls of its own ``struct``.
+"""Measures a board's encoding and decoding of a message, in calls of ``struct``.
 
-One call of ``struct.pack_into`` (``unpack_from``) for the whole record, from a tuple that is ready
-and with a constant format, is what no codec in Python can go below: it is the unit. The record is
-all numbers of the message, its strings as ``Ns``, and padding. Both are timed in turns by one
-interpreter in one run, without what the loop around them costs; the best turn of each counts, as a
-busy machine only ever adds. ::
+The unit is one call of ``struct.pack_into`` (``unpack_from``) for the whole record, from an
+existing tuple and with a constant format, which is a lower bound for a codec in Python. The record
+is all numbers of the message, its strings as ``Ns``, and padding. One interpreter times both
+alternately in one run, less the time of the loop; the shortest time of each counts, since load only
+adds. ::
 
     with MicroPython() as board:
         install(board)
         measure(board)  # {"imu_encode_ratio": 3.1, ...}
 
-``board`` is the MicroPython of ``tests/mpy/harness.py``. By itself this prints one JSON object.
+``board`` is the MicroPython of ``tests/mpy/harness.py``. As a program it prints one JSON object.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ ROUNDS: Final = 3
 REPEATED: Final = 40
 WARM: Final = 300
 TURNS: Final = {"empty": 1000, "pack": 500, "unpack": 400, "encode": 80, "decode": 60}
-"""Some milliseconds each: longer ones would be interrupted by whatever else runs here."""
+"""Some milliseconds each: longer turns would be interrupted by other processes."""
 
 # Name, module and class, record. The texts are "imu_link", "odom" and "base_link".
 MESSAGES: Final = (
@@ -48,7 +48,7 @@ def use(message, buf):
     message.unpack_from(buf, 0, 0, 0)
 """
 
-# What differs is one statement, so that the loop itself can be subtracted.
+# The loops differ in one statement, so that the time of the loop can be subtracted.
 _LOOP: Final = """
 def {name}(buf, size, record, message):
     for _ in range({turns}):
@@ -99,7 +99,7 @@ def garbage(call, *args):
 
 
 def install(board: Any, form: str = "mpy") -> None:
-    """Put the messages on the board, as a build for one has them."""
+    """Put the built messages on the board."""
     from uros.boards.builder.file_system import build
 
     with tempfile.TemporaryDirectory() as folder:
@@ -113,8 +113,8 @@ def install(board: Any, form: str = "mpy") -> None:
 
 
 def measure(board: Any) -> dict[str, float]:
-    """The ratios of Imu, Odometry and Twist, and what one call leaves for the collector."""
-    found: dict[str, float] = {}
+    """The ratios of Imu, Odometry and Twist, and the garbage of one call."""
+    ratios: dict[str, float] = {}
     best: dict[str, float] = {}
     for turn in range(ROUNDS + 1):
         for name, module, cls, format in MESSAGES:
@@ -122,23 +122,23 @@ def measure(board: Any) -> dict[str, float]:
             for loop, statement in _STATEMENTS.items():
                 text = statement.format(format=format)
                 board.run(_LOOP.format(name=loop, turns=TURNS[loop], statement=text))
-            # The first are for the engine below MicroPython, which compiles what runs often.
+            # The first ones warm up the engine below MicroPython, which compiles hot code.
             for _ in range(REPEATED if turn else WARM):
                 for loop, turns in TURNS.items():
-                    # A call of its own for each: the collector runs between them.
+                    # One call for each: the collector runs between them.
                     each = float(board.run(f"print(took({loop}))")) / turns
                     if turn:
                         key = f"{name}_{loop}"
                         best[key] = min(best.get(key, each), each)
             for call in ("pack_into, buf, 0, 0", "unpack_into, buf, 0, 0, size"):
                 kind = "encode" if call.startswith("pack") else "decode"
-                found[f"{name}_{kind}_bytes"] = int(board.run(f"print(garbage(message.{call}))"))
+                ratios[f"{name}_{kind}_bytes"] = int(board.run(f"print(garbage(message.{call}))"))
     for name, *_ in MESSAGES:
         empty = best[f"{name}_empty"]
         for ours, unit in (("encode", "pack"), ("decode", "unpack")):
             ratio = (best[f"{name}_{ours}"] - empty) / (best[f"{name}_{unit}"] - empty)
-            found[f"{name}_{ours}_ratio"] = round(ratio, 2)
-    return found
+            ratios[f"{name}_{ours}_ratio"] = round(ratio, 2)
+    return ratios
 
 
 def main() -> int:

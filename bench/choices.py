@@ -1,8 +1,8 @@
-"""What each choice of docs/performance.md is worth: the agent with it and without it.
+"""Measures each design choice of docs/performance.md: the agent with it and without it.
 
     python bench/choices.py [--quick]
 
-Not part of ``make bench``: it takes four minutes, and nothing depends on it.
+Not part of ``make bench``: it takes four minutes.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from agent import bench_cpu, bench_round_trip, cores_awake
 from fleet import bench_beside, bench_fleet
 
 
-def both(choice: str, what, *arguments):  # type: ignore[no-untyped-def]
-    """What is measured with the choice, and without it."""
-    found = []
+def both(choice: str, measurement, *arguments):  # type: ignore[no-untyped-def]
+    """The results of a measurement with the choice, and without it."""
+    results = []
     for undone in ("", choice):
         process.undone = undone
-        found.append(what(*arguments))
+        results.append(measurement(*arguments))
     process.undone = ""
-    return found
+    return results
 
 
 def row(choice: str, what: str, with_it: float, without: float, digits: int = 1) -> None:
@@ -47,10 +47,10 @@ def main() -> None:
         row("local", f"round trip between boards: {what}, µs",
             trips[0]["agent"][index], trips[1]["agent"][index])  # fmt: skip
     for choice, beside in (("turns", "flood"), ("patience", "stop")):
-        found = both(choice, bench_beside, beside, seconds)
+        results = both(choice, bench_beside, beside, seconds)
         what = "a flood" if beside == "flood" else "a reader that is stopped"
-        row(choice, f"beside {what}: p99, ms", found[0][1], found[1][1], 2)
-        row(choice, f"beside {what}: lost, %", found[0][2], found[1][2], 2)
+        row(choice, f"beside {what}: p99, ms", results[0][1], results[1][1], 2)
+        row(choice, f"beside {what}: lost, %", results[0][2], results[1][2], 2)
 
 
 if __name__ == "__main__":

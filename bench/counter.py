@@ -1,9 +1,9 @@
-"""Counts what arrives on a DDS topic, in a process of its own.
+"""Counts the samples of DDS topics, in a process of its own.
 
     python bench/counter.py DOMAIN [TOPICS] [reliable]
 
-Counts on one topic, or on so many boards' topics. Prints ``ready``; a line on
-standard input is answered with the number of samples since the last.
+Counts on one topic, or on the topics of TOPICS boards. Prints ``ready``; answers each
+line on standard input with the number of samples since the last one.
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ def main() -> None:
         nonlocal count
         while True:
             for key in waitset.wait():
-                got = -1
-                while got:
-                    got = len(cyclone.take(readers[key - 1], 256))
-                    count += got
+                taken = -1
+                while taken:
+                    taken = len(cyclone.take(readers[key - 1], 256))
+                    count += taken
 
     threading.Thread(target=wait, daemon=True).start()
     print("ready", flush=True)

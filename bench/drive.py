@@ -1,15 +1,16 @@
-"""SprTurtleBot on virtual bodies: how wheels answer, and where odometry says that it is.
+"""SprTurtleBot on virtual bodies: the step response of its wheels, and the error of its odometry.
 
     .venv/bin/python bench/drive.py [--quick] [--json]
 
-For each seed a rover is made: motors, wheels and track within their tolerances. Its gains are found
-by `uros.control.autotune`, its sizes by `uros.control.calibrate` from two squares whose poses are
-measured to 3 mm and half a degree. Then it drives a square of 1 m, closed-loop by its own odometry.
-Beside it, on the same edges of the same encoders, the formulas of the Spresense document. All is in
-virtual time: the figures are the same on every machine. The plot is build/bench/drive.png.
+For each seed there is a rover with motors, wheels and track within their tolerances. Its gains come
+from `uros.control.autotune`, its sizes from `uros.control.calibrate` with two squares whose poses
+are measured to 3 mm and half a degree. Then it drives a square of 1 m, closed-loop by its own
+odometry. The formulas of the Spresense document run beside it, on the edges of the same encoders.
+All is in virtual time: the figures are the same on every machine. The plot is
+build/bench/drive.png.
 
 Errors of the position are shares of the path, which is 4 m; those of the heading are degrees. The
-document's heading is what a reader of its quaternion takes it for.
+document's heading is that of its quaternion.
 """
 
 from __future__ import annotations
@@ -29,13 +30,15 @@ PLOT = ROOT / "build" / "bench" / "drive.png"
 PATH = 4.0
 STEP = 0.3  # m/s
 
-# What is asked for.
+# The goals.
 SETTLED, OVERSHOOT, METRES, DEGREES = 0.6, 0.10, 0.02, 3.0
 
 
 class DocumentOdometry:
-    """The sub core's program as it is printed: each period counts edges without a sign, and takes
-    the target's."""
+    """The program of the sub core, as printed.
+
+    Each period counts edges without a sign, and uses the sign of the target.
+    """
 
     RADIUS = 0.0325
     EDGE = 9.0  # degrees
@@ -43,10 +46,10 @@ class DocumentOdometry:
 
     def __init__(self) -> None:
         self.x = self.y = self.theta = 0.0
-        self.qz = self.qw = 0.0  # nothing is sent before the first motion
+        self.qz = self.qw = 0.0  # it sends nothing before the first motion
 
     def update(self, right: int, left: int, right_target: float, left_target: float) -> None:
-        """So many edges came."""
+        """Add the edges of a period."""
         if not right and not left:
             return
         right_way = math.copysign(right * self.EDGE * math.pi / 180 * self.RADIUS, right_target)
@@ -54,7 +57,7 @@ class DocumentOdometry:
         last = self.theta
         self.theta += (right_way - left_way) / (2 * self.D)
         self.theta = min(self.theta, 2 * math.pi)
-        # Not the middle of the two headings, but half of the new one on top of the old one.
+        # The old heading plus half of the new one, not the mean of both.
         self.x += (right_way + left_way) / 2 * math.cos(last + self.theta / 2)
         self.y += (right_way + left_way) / 2 * math.sin(last + self.theta / 2)
         half = self.theta / 2
@@ -63,12 +66,12 @@ class DocumentOdometry:
 
     @property
     def heading(self) -> float:
-        """What its quaternion says, whatever its length is."""
+        """The heading of its quaternion, of any norm."""
         return 2 * math.atan2(self.qz, self.qw)
 
 
 class Drive:
-    """One square: the courses, and the errors at its end."""
+    """One square: the paths, and the errors at its end."""
 
     def __init__(self, car: Car, clockwise: bool) -> None:
         self.car = car
@@ -77,17 +80,17 @@ class Drive:
         self.ours: list[tuple[float, float]] = [(0.0, 0.0)]
         self.theirs: list[tuple[float, float]] = [(0.0, 0.0)]
         self._counts = [0, 0]
-        car.on_step = self._look
+        car.on_step = self._record
         for side, encoder in enumerate(car.rover.encoders):
             encoder.on_edge = self._counted(side, encoder.on_edge)
         square(car, clockwise=clockwise)
         metres, degrees = car.error()
         self.metres, self.degrees = metres / PATH, abs(degrees)
         x, y, theta = car.pose
-        its = self.document
-        self.their_metres = math.hypot(its.x - x, its.y - y) / PATH
-        self.their_degrees = abs(math.degrees(math.remainder(its.heading - theta, math.tau)))
-        self.their_norm = math.hypot(its.qz, its.qw)
+        document = self.document
+        self.their_metres = math.hypot(document.x - x, document.y - y) / PATH
+        self.their_degrees = abs(math.degrees(math.remainder(document.heading - theta, math.tau)))
+        self.their_norm = math.hypot(document.qz, document.qw)
 
     def _counted(self, side: int, on_edge: object) -> object:
         def both(t_us: int, level: int) -> None:
@@ -96,7 +99,7 @@ class Drive:
 
         return both
 
-    def _look(self) -> None:
+    def _record(self) -> None:
         car = self.car
         drive = car.drive
         targets = drive.v + drive.d * drive.w, drive.v - drive.d * drive.w
@@ -107,17 +110,17 @@ class Drive:
         self.theirs.append((self.document.x, self.document.y))
 
 
-def one(seed: int) -> tuple[dict[str, object], Drive, tuple[Answer, Answer]]:
-    """All about the body of one seed."""
+def measure(seed: int) -> tuple[dict[str, object], Drive, tuple[Answer, Answer]]:
+    """Measure the body of one seed: (figures, drive, step responses)."""
     source = random.Random(seed)
 
     def person(length: float) -> float:
         return length + source.uniform(-0.003, 0.003)
 
     car = Car(seed)
-    found = tune(car)
-    if found.fault:
-        raise SystemExit(f"seed {seed}: {found.fault}")
+    tuning = tune(car)
+    if tuning.fault:
+        raise SystemExit(f"seed {seed}: {tuning.fault}")
     pids = car.drive.right_pid, car.drive.left_pid
     wheels = answers(Car(seed, pids), STEP)
     untuned = answers(Car(seed), STEP)
@@ -128,10 +131,10 @@ def one(seed: int) -> tuple[dict[str, object], Drive, tuple[Answer, Answer]]:
     drive = Drive(car, bool(seed & 1))
     figures: dict[str, object] = {
         "seed": seed,
-        "settled_s": round(max(it.settled for it in wheels), 3),
-        "overshoot": round(max(it.overshoot for it in wheels), 4),
-        "untuned_settled_s": round(max(it.settled for it in untuned), 3),
-        "untuned_overshoot": round(max(it.overshoot for it in untuned), 4),
+        "settled_s": round(max(wheel.settled for wheel in wheels), 3),
+        "overshoot": round(max(wheel.overshoot for wheel in wheels), 4),
+        "untuned_settled_s": round(max(wheel.settled for wheel in untuned), 3),
+        "untuned_overshoot": round(max(wheel.overshoot for wheel in untuned), 4),
         "gains": {
             side: {
                 "kp": round(pid.kp),
@@ -154,7 +157,7 @@ def one(seed: int) -> tuple[dict[str, object], Drive, tuple[Answer, Answer]]:
 
 
 def plot(drive: Drive, wheels: tuple[Answer, Answer]) -> None:
-    """The square, and the step, of one seed."""
+    """Plot the square and the step response of one seed."""
     from PIL import Image, ImageDraw, ImageFont
 
     big = 2  # drawn twice as large, for smooth lines
@@ -212,7 +215,7 @@ def plot(drive: Drive, wheels: tuple[Answer, Answer]) -> None:
     for edge in (STEP * 0.95, STEP * 1.05):
         right.line([(0, edge), (1, edge)], (150, 190, 150))
     for answer, colour in zip(wheels, (blue, orange), strict=True):
-        right.line([it for it in answer.course if it[0] <= 1.0], colour, 3)
+        right.line([point for point in answer.course if point[0] <= 1.0], colour, 3)
     text(620, 8, f"A step to {STEP} m/s, and ±5 %", black)
     text(840, 8, "right wheel", blue)
     text(940, 8, "left wheel", orange)
@@ -224,7 +227,7 @@ def main() -> int:
     seeds = range(3) if "--quick" in sys.argv[1:] else range(12)
     rows = []
     for seed in seeds:
-        figures, drive, wheels = one(seed)
+        figures, drive, wheels = measure(seed)
         rows.append(figures)
         if seed == 0:
             plot(drive, wheels)

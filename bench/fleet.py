@@ -1,11 +1,11 @@
-"""Many boards on one agent, and one that does not care for the others.
+"""Many boards on one agent, and a board that loads the agent beside them.
 
     python bench/fleet.py [--quick]
 
 Boards are UDP sockets of one process, each with a topic of its own, 64-byte
-strings, best effort; what arrives is counted by a DDS reader in another
-process. Visibility is asked of a real rclpy where ``.venv-ros`` is (``make
-test`` makes it). The goals are printed beside the figures and decide nothing.
+strings, best effort; a DDS reader in another process counts the samples. A real
+rclpy tests visibility where there is ``.venv-ros`` (``make test`` creates it). The
+goals are printed beside the figures, without a check.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ ROS_PYTHON = HERE.parent / ".venv-ros" / "bin" / "python"
 
 
 def visible(boards: int) -> Process | None:
-    """A node of rclpy that says when it sees all boards' nodes and topics."""
+    """A node of rclpy that reports when it sees all boards' nodes and topics."""
     if not ROS_PYTHON.exists():
         return None
     return Process("visible.py", str(DOMAIN), str(boards), ready="ready", python=ROS_PYTHON)
@@ -37,36 +37,38 @@ def bench_fleet(clients: int, rate: float, seconds: float, with_ros: bool) -> di
     process = agent()
     counter = Process("counter.py", str(DOMAIN), str(clients), ready="ready")
     peer = visible(clients) if with_ros else None
-    found = {"idle MB": process.resident()}
+    figures = {"idle MB": process.resident()}
     try:
         boards = [Board(PORT, 0x2000 + i, f"rt/board_{i}") for i in range(clients)]
         set_up = time.perf_counter()
-        found["set-up ms"] = sum(board.set_up for board in boards) / clients * 1000
+        figures["set-up ms"] = sum(board.set_up for board in boards) / clients * 1000
         if peer is not None:
             peer.line()
-            found["seen s"] = time.perf_counter() - set_up
+            figures["seen s"] = time.perf_counter() - set_up
         pacer = Pacer(boards, text(SIZE))
         deadline = time.monotonic() + 60
         matched = 0
-        while matched < clients and time.monotonic() < deadline:  # until the counter hears all
+        while (
+            matched < clients and time.monotonic() < deadline
+        ):  # until the counter receives all topics
             counter.ask()
             pacer.round()
             select.select([], [], [], 0.3)
             matched = counter.ask()
         before, started = process.cpu(), time.perf_counter()
         sent = pacer.run(rate, seconds)
-        found["cores"] = (process.cpu() - before) / (time.perf_counter() - started)
-        found["lost %"] = 100 * (sent - settled(counter)) / sent
-        found["MB"] = process.resident()
-        found["MB each"] = (found["MB"] - found["idle MB"]) / clients
+        figures["cores"] = (process.cpu() - before) / (time.perf_counter() - started)
+        figures["lost %"] = 100 * (sent - settled(counter)) / sent
+        figures["MB"] = process.resident()
+        figures["MB each"] = (figures["MB"] - figures["idle MB"]) / clients
         if peer is not None:
             peer.close()
             started = time.perf_counter()
             peer = visible(clients)
             assert peer is not None
             peer.line()
-            found["seen late s"] = time.perf_counter() - started
-        return found
+            figures["seen late s"] = time.perf_counter() - started
+        return figures
     finally:
         if peer is not None:
             peer.close()
@@ -74,34 +76,36 @@ def bench_fleet(clients: int, rate: float, seconds: float, with_ros: bool) -> di
         process.close()
 
 
-def bench_beside(what: str, seconds: float) -> tuple[float, float, float, float, float]:
-    """Ten boards at 20 Hz hear themselves by DDS, beside one that floods the agent or one
-    whose reliable reader stands still: p50 and p99 in ms, lost in %; how many samples a second
-    the other has sent, and how many of them arrived."""
+def bench_beside(noise_by: str, seconds: float) -> tuple[float, float, float, float, float]:
+    """Ten boards at 20 Hz receive their own samples, beside a board that loads the agent.
+
+    Returns p50 and p99 in ms, the loss in %, the samples a second that the flood has sent, and how
+    many of them arrived.
+    """
     process = agent()
     boards = [Board(PORT, 0x3000 + i, f"rt/board_{i}", reading=True) for i in range(10)]
-    counter = Process("counter.py", str(DOMAIN), *(["0", "reliable"] if what == "stop" else []),
+    counter = Process("counter.py", str(DOMAIN), *(["0", "reliable"] if noise_by == "stop" else []),
                       ready="ready")  # fmt: skip
     noise = subprocess.Popen(
-        [sys.executable, "noise.py", str(PORT), what, str(seconds + 2)], cwd=HERE,
+        [sys.executable, "noise.py", str(PORT), noise_by, str(seconds + 2)], cwd=HERE,
         stdout=subprocess.PIPE, text=True,
     )  # fmt: skip
     try:
-        if what != "calm":
+        if noise_by != "calm":
             while not counter.ask():
                 select.select([], [], [], 0.05)
-        if what == "stop":
+        if noise_by == "stop":
             counter.signal(signal.SIGSTOP)
-        if what == "flood":
+        if noise_by == "flood":
             counter.ask()
-        sent, times = Pacer(boards, text(SIZE)).hear(20, seconds)
-        arrived = counter.ask() / seconds if what == "flood" else 0.0
-        told = float(noise.communicate()[0]) if what == "flood" else 0.0
+        sent, times = Pacer(boards, text(SIZE)).run_with_echo(20, seconds)
+        arrived = counter.ask() / seconds if noise_by == "flood" else 0.0
+        sent_by_flood = float(noise.communicate()[0]) if noise_by == "flood" else 0.0
         return (
             times[len(times) // 2] * 1e3,
             times[len(times) * 99 // 100] * 1e3,
             100 * (sent - len(times)) / sent,
-            told,
+            sent_by_flood,
             arrived,
         )
     finally:
@@ -112,8 +116,8 @@ def bench_beside(what: str, seconds: float) -> tuple[float, float, float, float,
         process.close()
 
 
-def figure(what: str, value: float, goal: str, digits: int = 1) -> None:
-    show(what, 0, value, goal, digits)
+def figure(title: str, value: float, goal: str, digits: int = 1) -> None:
+    show(title, 0, value, goal, digits)
 
 
 def main() -> None:
@@ -122,24 +126,24 @@ def main() -> None:
     seconds = 2.0 if parser.parse_args().quick else 10.0
     resource.setrlimit(resource.RLIMIT_NOFILE, (resource.getrlimit(resource.RLIMIT_NOFILE)[1],) * 2)
     for clients, megabytes, cores in ((120, 60, 0.15), (1000, 150, 0.7)):
-        found = bench_fleet(clients, 10, seconds, with_ros=clients == 1000)
-        figure(f"{clients} boards at 10 Hz: memory, MB", found["MB"], f"≤ {megabytes}")
-        figure("  of which idle", found["idle MB"], "")
-        figure("  a board, MB", found["MB each"], "≤ 0.1", 3)
-        figure("  CPU, cores", found["cores"], f"≤ {cores}", 3)
-        figure("  set-up each, ms", found["set-up ms"], "≤ 3", 2)
-        figure("  lost, %", found["lost %"], "0", 2)
-        if "seen s" in found:
-            figure("  all seen by rclpy, s after the last", found["seen s"], "≤ 10")
-            figure("  all seen by an rclpy that starts then, s", found["seen late s"], "≤ 10")
+        figures = bench_fleet(clients, 10, seconds, with_ros=clients == 1000)
+        figure(f"{clients} boards at 10 Hz: memory, MB", figures["MB"], f"≤ {megabytes}")
+        figure("  of which idle", figures["idle MB"], "")
+        figure("  a board, MB", figures["MB each"], "≤ 0.1", 3)
+        figure("  CPU, cores", figures["cores"], f"≤ {cores}", 3)
+        figure("  set-up each, ms", figures["set-up ms"], "≤ 3", 2)
+        figure("  lost, %", figures["lost %"], "0", 2)
+        if "seen s" in figures:
+            figure("  all seen by rclpy, s after the last", figures["seen s"], "≤ 10")
+            figure("  all seen by an rclpy that starts then, s", figures["seen late s"], "≤ 10")
         elif clients == 1000:
             print("  (no .venv-ros: what rclpy sees was not measured; 'make test' makes it)")
-    for what, title, goal in (
+    for noise_by, title, goal in (
         ("calm", "ten boards at 20 Hz alone", ""),
         ("flood", "beside one that sends 50,000/s", "≤ 10"),
         ("stop", "beside one whose reader is stopped", "≤ 20"),
     ):
-        p50, p99, lost, sent, arrived = bench_beside(what, seconds)
+        p50, p99, lost, sent, arrived = bench_beside(noise_by, seconds)
         figure(f"{title}: p50, ms", p50, "", 2)
         figure("  p99, ms", p99, goal, 2)
         figure("  lost, %", lost, "≤ 1" if goal else "", 2)

@@ -1,4 +1,4 @@
-"""Boards for benchmarks: bare clients that send what they are told, no more.
+"""Boards for benchmarks: minimal clients.
 
 Written on ``uros.wire`` alone. One :class:`Board` is one UDP socket and one
 session with one datawriter, and on request a datareader of the same topic.
@@ -37,7 +37,7 @@ class Board:
         reading: bool = False,
         reliable: bool = False,
     ) -> None:
-        """``reliable``: its datawriter is, and keeps all."""
+        """``reliable``: the datawriter is reliable, with KEEP_ALL."""
         self.key = key
         self._qos = ids.QOS_RELIABLE if reliable else ids.QOS_KEEP_LAST
         self.sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -114,15 +114,17 @@ class Board:
         self.sock.send(w.finish())
 
     def sample(self, payload: bytes, reliable: bool) -> bytearray:
-        """A datagram with one WRITE_DATA; its number goes into bytes 2 and 3."""
+        """A datagram with one WRITE_DATA; bytes 2 and 3 are for its sequence number."""
         stream = ids.STREAM_RELIABLE if reliable else ids.STREAM_BEST_EFFORT
         head = bytearray((0x81, stream, 0, 0, ids.WRITE_DATA, 1))
         head += struct.pack("<H", len(payload) + 4) + struct.pack(">HH", 50, WRITER)
         return head + payload
 
     def send_reliable(self, count: int, rate: float, payload: bytes) -> float:
-        """Send samples over the reliable stream with a window of 16, until the last is
-        acknowledged; the seconds it took."""
+        """Send samples on the reliable stream until the last one is acknowledged; the seconds.
+
+        The window is 16 messages.
+        """
         datagram = self.sample(payload, True)
         send, recv = self.sock.send, self.sock.recv
         self.sock.setblocking(False)
@@ -159,15 +161,17 @@ class Board:
 
 
 def _count_up(datagram: bytearray, at: int) -> None:
-    """The next 16-bit number at offset ``at``."""
+    """Increment the 16-bit number at offset ``at``."""
     number = (datagram[at] | datagram[at + 1] << 8) + 1
     datagram[at] = number & 0xFF
     datagram[at + 1] = number >> 8 & 0xFF
 
 
 def paced_send(sock: socket.socket, datagram: bytearray, at: int, count: int, rate: float) -> float:
-    """Send ``count`` copies with rising numbers at ``rate`` a second (0: as fast as
-    possible); the seconds it took."""
+    """Send ``count`` copies with rising numbers; the seconds it took.
+
+    ``rate`` is in messages a second, 0: as fast as possible.
+    """
     send, clock = sock.send, time.perf_counter
     started = clock()
     for number in range(count):
@@ -181,7 +185,7 @@ def paced_send(sock: socket.socket, datagram: bytearray, at: int, count: int, ra
 
 
 def round_trips(sock: socket.socket, datagram: bytearray, at: int, count: int) -> list[float]:
-    """Microseconds from sending to the echo's arrival, sorted; one at a time."""
+    """The round trips of single messages in microseconds, sorted."""
     out = []
     sock.settimeout(2.0)
     for _ in range(count):
@@ -212,14 +216,14 @@ class Pacer:
         self._sent += 1
 
     def round(self) -> None:
-        """One sample of every board, slowly enough for any reader."""
+        """Send one sample of every board, slowly enough for any reader."""
         for _ in self._boards:
             self._send()
             if not self._sent % 50:
                 time.sleep(0.005)
 
     def run(self, rate: float, seconds: float) -> int:
-        """``rate`` samples a second of every board; how many that were."""
+        """Send ``rate`` samples a second of every board; the number of samples."""
         before, started = self._sent, time.perf_counter()
         total = int(rate * seconds) * len(self._boards)
         for number in range(1, total + 1):
@@ -229,9 +233,11 @@ class Pacer:
                 time.sleep(ahead)
         return self._sent - before
 
-    def hear(self, rate: float, seconds: float) -> tuple[int, list[float]]:
-        """The same for boards that read what they write: how many were sent, and the seconds
-        that those took that came back, sorted."""
+    def run_with_echo(self, rate: float, seconds: float) -> tuple[int, list[float]]:
+        """Run boards that receive their own samples; (samples sent, sorted latencies).
+
+        The latencies, in seconds, are those of the samples that arrived.
+        """
         poll = select.poll()
         by_fd = {board.sock.fileno(): board.sock for board in self._boards}
         for fd in by_fd:

@@ -1,4 +1,4 @@
-"""What each pass of the board builder saves, as a table in markdown.
+"""Measures what each pass of the board builder saves; prints a table in markdown.
 
     .venv/bin/python bench/passes.py [PASS ...]
 
@@ -33,7 +33,7 @@ NODE = ROOT / "firmware" / "ra6m5_sensor_node"
 
 
 def files_of(program: Path, without: Iterable[str]) -> dict[str, bytes]:
-    """The file system that a build makes."""
+    """The files of a build."""
     with tempfile.TemporaryDirectory() as folder:
         build(program, Path(folder, "out"), "mpy", without=without)
         return tree(Path(folder, "out"))

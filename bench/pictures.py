@@ -1,17 +1,17 @@
-"""Pictures from a board: how many a second, how full the line is, and the board's memory.
+"""Measures pictures from a board: rate, load of the line, and the board's memory.
 
     .venv/bin/python bench/pictures.py [--quick]
 
 A virtual board runs MicroPython 1.27 (WebAssembly) and publishes CompressedImages by
 ``publish_stream`` to an agent with DDS on loopback; a node on DDS takes them. Each picture is
-compared. Lines are models that carry what their baud rate lets them, ten bits an octet; the board's
-UART has room for ``txbuf`` octets (2048) and does not wait. Of 512 it is out in 5.5 ms, so that on
-a busy machine the virtual board comes too late. The high water, without MicroPython's own and the
-virtual hardware, is that of a second run; over UDP it has the copies in it that the virtual board's
-``socket`` makes.
+compared. The lines are simulated with their baud rate, ten bits an octet; the board's UART has a
+buffer of ``txbuf`` octets (2048) and does not block. A buffer of 512 is empty after 5.5 ms, so on a
+busy machine the virtual board refills it too late. The high water, without MicroPython's own and
+the virtual hardware, is that of a second run; over UDP it includes the copies of the virtual
+board's ``socket``.
 
-At 921,600 baud 92,160 octets a second fit: of 20,000 octets not more than 4.6 Hz, without any
-protocol. A USB device that only calls itself a serial port has no such limit.
+A line of 921,600 baud carries 92,160 octets a second: 4.6 pictures of 20,000 octets, without any
+protocol. A USB serial port has no such limit.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ os.environ["CYCLONEDDS_URI"] = LOOPBACK
 
 from support.pictures import picture, shoot  # noqa: E402
 
-# What it is called, and what `shoot` is asked for.
+# The title, and the arguments of `shoot`.
 CASES: tuple[tuple[str, dict[str, object]], ...] = (
     ("UDP, 5 Hz asked for", {"way": "udp", "period_ms": 200}),
     ("UDP, as fast as it goes", {"way": "udp"}),

@@ -1,4 +1,4 @@
-"""The processes of a benchmark: agent, relay, counter; and the table they end up in."""
+"""The processes of a benchmark: agent, relay, counter; and the rows of its table."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ LOOPBACK = (
 
 
 class Process:
-    """A child process that says when it is ready."""
+    """A child process that prints a line when it is ready."""
 
     def __init__(self, *arguments: str, ready: str, python: Path | str = sys.executable) -> None:
         environment = dict(os.environ, CYCLONEDDS_URI=LOOPBACK, PYTHONUNBUFFERED="1")
@@ -39,7 +39,7 @@ class Process:
             pass
 
     def _read(self) -> None:
-        """All the time: a pipe that is full would be felt in the figures."""
+        """Read all the time: a full pipe would change the figures."""
         assert self._process.stdout is not None
         for line in self._process.stdout:
             self._lines.put(line)
@@ -52,14 +52,14 @@ class Process:
         return line
 
     def ask(self) -> int:
-        """What a counter has counted since the last time."""
+        """The number of samples that a counter has counted since the last call."""
         assert self._process.stdin is not None
         self._process.stdin.write("\n")
         self._process.stdin.flush()
         return int(self.line())
 
     def cpu(self) -> float:
-        """Seconds of CPU used so far, all threads (user and system)."""
+        """The CPU time of all threads so far in seconds, user and system."""
         total = 0
         for task in Path(f"/proc/{self._process.pid}/task").iterdir():
             total += int((task / "schedstat").read_text().split()[0])
@@ -84,17 +84,17 @@ def relay(echo: bool) -> Process:
     return Process("relay.py", str(PORT), str(DOMAIN), *(["echo"] if echo else []), ready="ready")
 
 
-# The choice that agents are started without; see without.py.
+# The design choice that the agent runs without; see without.py.
 undone = ""
 
 
 def agent() -> Process:
-    how = ["without.py", undone] if undone else ["-m", "uros", "agent"]
-    return Process(*how, "udp4", "-p", str(PORT), "--domain", str(DOMAIN), ready="running...")
+    program = ["without.py", undone] if undone else ["-m", "uros", "agent"]
+    return Process(*program, "udp4", "-p", str(PORT), "--domain", str(DOMAIN), ready="running...")
 
 
 def settled(counter: Process) -> int:
-    """Samples counted once no more arrive."""
+    """The number of samples, after no more arrive."""
     total = counter.ask()
     while True:
         select.select([], [], [], 0.3)
@@ -105,7 +105,7 @@ def settled(counter: Process) -> int:
 
 
 def wait_matched(counter: Process, send) -> None:  # type: ignore[no-untyped-def]
-    """Send until the counter hears."""
+    """Send until the counter receives samples."""
     end = time.monotonic() + 10
     while not counter.ask():
         if time.monotonic() > end:
@@ -116,7 +116,7 @@ def wait_matched(counter: Process, send) -> None:  # type: ignore[no-untyped-def
 
 
 def show(what: str, relay_value: float, agent_value: float, goal: str, digits: int = 1) -> None:
-    """A row of the table."""
+    """Print a row of the table."""
     ratio = f"{agent_value / relay_value:6.2f} ×" if relay_value else ""
     known = f"{relay_value:12.1f}" if relay_value else " " * 12
     print(f"  {what:<42}{known}{agent_value:12.{digits}f}  {ratio:<9} {goal}", flush=True)

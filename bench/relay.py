@@ -1,8 +1,8 @@
-"""The yardstick: what a relay costs that has no protocol at all.
+"""The reference: a relay without any protocol.
 
-One thread: datagram → DDS write, DDS sample → datagram to whoever sent last.
-The same DDS calls, the same waiting thread and the same socket buffers as the
-agent's; everything the agent costs more is the price of XRCE.
+One thread: datagram → DDS write, DDS sample → datagram to the last sender. It has
+the DDS calls, the waiting thread and the socket buffers of the agent, so that the
+difference is the cost of XRCE.
 
     python bench/relay.py PORT DOMAIN
 """
@@ -76,7 +76,7 @@ def main() -> None:
                     except BlockingIOError:
                         break
                     cyclone.write(writer, view[: size + 4])
-                if echo:  # what this process wrote is there already
+                if echo:  # samples of this process are there already
                     for sample, _ in cyclone.take(reader, 64):
                         sock.sendto(sample[4:], peer)
             else:

@@ -1,4 +1,4 @@
-"""A node of real rclpy that waits until it sees all boards.
+"""A node of real rclpy that waits until its graph has all boards.
 
     .venv-ros/bin/python bench/visible.py DOMAIN BOARDS
 

@@ -1,11 +1,11 @@
-"""The agent with one of its choices undone, to see what the choice is worth.
+"""The agent without one of its design choices, to measure the choice.
 
     python bench/without.py CHOICE udp4 -p 8888 ...
 
 ``batching``: every sample is a packet of its own. ``sharing``: every board has a
-participant of its own. ``local``: what boards of one agent tell each other goes by
-the waiting thread. ``turns``: a socket is read until it is empty. ``patience``: a
-writer without room is waited for, 100 ms at most.
+participant of its own. ``local``: samples between boards of one agent pass through
+the waiting thread. ``turns``: a socket is read until it is empty. ``patience``: the
+agent waits for a writer without room, 100 ms at most.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def patience() -> None:
     cyclone._qset_reliability = lambda qos, kind, _: wanted(qos, kind, 100 * _MS)
 
 
-CHOICES = {it.__name__: it for it in (batching, sharing, local, turns, patience)}
+CHOICES = {choice.__name__: choice for choice in (batching, sharing, local, turns, patience)}
 
 if __name__ == "__main__":
     if sys.argv[1] in CHOICES:

@@ -1,13 +1,13 @@
-"""Fuzzes one part of uros, guided by what of the code each input reaches.
+"""Fuzzes one part of uros, guided by code coverage.
 
-    python fuzz/run.py TARGET [--seconds 600] [--jobs 1]     until so many seconds are full
+    python fuzz/run.py TARGET [--seconds 600] [--jobs 1]     until the seconds are used up
     python fuzz/run.py TARGET --replay FILE...               play inputs in plain Python
-    python fuzz/run.py TARGET --minimise                     put what was found into the kept corpus
+    python fuzz/run.py TARGET --minimise                     keep the best inputs in the corpus
     python fuzz/run.py all [--seconds 600]                   one target after the other
 
-A run can be cut at any time and goes on where it was: the seconds of all runs add up in
-build/fuzz/TARGET/progress.json, and the inputs found are kept beside it. Begin anew with
-``--anew``. A finding is saved with the command that plays it again, and the exit status is 1.
+A run can be interrupted at any time, and the next one continues: the seconds of all runs add up
+in build/fuzz/TARGET/progress.json, and the inputs are kept beside it. ``--anew`` starts from the
+beginning. A finding is saved with the command that reproduces it, and the exit status is 1.
 """
 
 from __future__ import annotations
@@ -35,23 +35,23 @@ sys.path[:0] = [str(ROOT / "src"), str(ROOT / "fuzz"), str(ROOT / "tests")]
 
 from targets import TARGETS  # noqa: E402  (fuzz/targets, found by the line above)
 
-# One input that takes longer is a finding, as is more memory than so much.
+# An input that takes more time or memory is a finding.
 INPUT_SECONDS = 20
 MEMORY_MB = 2048
 MAX_LENGTH = 8192
-# An input of the kept corpus may be as large as this, and all of a target's together.
+# The limits of the kept corpus: of one input, and of all inputs of a target.
 KEPT_INPUT = 4096
 KEPT_BYTES = 34_000
-HASH = 40  # the length of names that the engine gives
-_TELL = 10.0  # seconds between lines
-_SAVE = 1.0  # between writings of a worker's count
+HASH = 40  # the length of the engine's file names
+_PRINT = 10.0  # seconds between printed lines
+_SAVE = 1.0  # seconds between writes of a worker's count
 
 
 # --- the process that fuzzes ----------------------------------------------------------
 
 
 class Count:
-    """Executions and seconds of one process, written where its parent finds them."""
+    """Executions and seconds of one process, in a file that its parent reads."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -67,7 +67,7 @@ class Count:
                 self._saved = now
                 self.save()
                 if os.getppid() != self._parent:
-                    os._exit(0)  # who was to stop us is gone
+                    os._exit(0)  # the parent, which stops this process, has ended
 
     def save(self) -> None:
         seconds = time.monotonic() - self._began
@@ -75,7 +75,7 @@ class Count:
 
 
 def work(target: str, job: int, arguments: list[str]) -> None:
-    """Runs in a process of its own, which the engine ends."""
+    """Fuzz, in a process of its own; the engine ends the process."""
     import atheris
 
     with atheris.instrument_imports(include=["uros"]):
@@ -108,10 +108,10 @@ def work(target: str, job: int, arguments: list[str]) -> None:
 # --- the process that the user started ---------------------------------------------------
 
 
-def write(path: Path, what: dict) -> None:
-    """All of it or nothing, whenever this is cut."""
+def write(path: Path, values: dict) -> None:
+    """Write a file atomically."""
     fresh = path.with_suffix(f".{os.getpid()}.new")
-    fresh.write_text(json.dumps(what))
+    fresh.write_text(json.dumps(values))
     fresh.replace(path)
 
 
@@ -123,20 +123,20 @@ def read(path: Path) -> dict:
 
 
 def total(before: dict, folder: Path) -> dict:
-    """Of all runs; the seconds of jobs at the same time count once."""
-    jobs = [read(it) for it in folder.glob("job-*.json")]
+    """The progress of all runs; parallel jobs count their seconds once."""
+    jobs = [read(path) for path in folder.glob("job-*.json")]
     return {
-        "executions": before["executions"] + sum(it["executions"] for it in jobs),
-        "seconds": round(before["seconds"] + max((it["seconds"] for it in jobs), default=0.0), 2),
+        "executions": before["executions"] + sum(job["executions"] for job in jobs),
+        "seconds": round(before["seconds"] + max((job["seconds"] for job in jobs), default=0.0), 2),
     }
 
 
 def settle(folder: Path) -> dict:
-    """Count what a run left that was cut, and what there is in all."""
+    """Add the counts of an interrupted run to the total; the total."""
     progress = total(read(folder / "progress.json"), folder)
     write(folder / "progress.json", progress)
-    for it in folder.glob("job-*.json"):
-        it.unlink()
+    for path in folder.glob("job-*.json"):
+        path.unlink()
     return progress
 
 
@@ -150,14 +150,14 @@ def check_engine() -> None:
         )
 
 
-def found(folder: Path) -> list[Path]:
+def findings(folder: Path) -> list[Path]:
     return sorted(
-        it for kind in ("crash", "timeout", "oom", "leak") for it in folder.glob(f"{kind}-*")
+        path for kind in ("crash", "timeout", "oom", "leak") for path in folder.glob(f"{kind}-*")
     )
 
 
 def seed(target: str, folder: Path) -> None:
-    """Valid inputs, beside the kept ones."""
+    """Write the valid inputs, in addition to the kept ones."""
     from targets import datagrams
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -167,15 +167,15 @@ def seed(target: str, folder: Path) -> None:
 
 
 def fuzz(target: str, seconds: float, jobs: int) -> int:
-    """Until so many seconds are full, or something is found."""
+    """Fuzz until ``seconds`` are used up, or until the first finding."""
     check_engine()
     folder = BUILD / target
     corpus = folder / "corpus"
     corpus.mkdir(parents=True, exist_ok=True)
     before = settle(folder)
     left = seconds - before["seconds"]
-    if found(folder):
-        return tell(target, folder)
+    if findings(folder):
+        return report(target, folder)
     if left <= 0:
         print(f"fuzz {target}: full: {line(before)} (--anew begins anew)", flush=True)
         return 0
@@ -191,38 +191,38 @@ def fuzz(target: str, seconds: float, jobs: int) -> int:
         ]  # fmt: skip
         log = (folder / f"job-{job}.log").open("wb")
         command = [sys.executable, __file__, target, "--work", str(job), *arguments]
-        # A session of its own: Ctrl-C is for us, and we tell them.
+        # A session of its own: Ctrl-C goes to this process only, which ends the workers.
         workers.append(subprocess.Popen(command, stdout=log, stderr=log, start_new_session=True))
         log.close()
 
-    def cut(*_: object) -> None:
+    def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
-    signal.signal(signal.SIGTERM, cut)
+    signal.signal(signal.SIGTERM, interrupt)
     status = 0
     try:
-        told = time.monotonic()
-        while any(it.poll() is None for it in workers):
+        printed = time.monotonic()
+        while any(worker.poll() is None for worker in workers):
             time.sleep(0.2)
-            if any(it.poll() for it in workers):
-                break  # one has found something
+            if any(worker.poll() for worker in workers):
+                break  # a worker has a finding
             progress = total(before, folder)
             if progress["seconds"] >= seconds:
                 break
-            if time.monotonic() - told >= _TELL:
-                told = time.monotonic()
+            if time.monotonic() - printed >= _PRINT:
+                printed = time.monotonic()
                 print(f"fuzz {target}: {line(progress)} of {seconds:g} s", flush=True)
     except KeyboardInterrupt:
         status = 130
-    for it in workers:
-        if it.poll() is None:
-            it.send_signal(signal.SIGKILL)
-        it.wait()
+    for worker in workers:
+        if worker.poll() is None:
+            worker.send_signal(signal.SIGKILL)
+        worker.wait()
     progress = settle(folder)
     print(f"fuzz {target}: {line(progress)} of {seconds:g} s", flush=True)
-    if found(folder):
-        return tell(target, folder)
-    if any(it.returncode not in (0, -signal.SIGKILL) for it in workers):
+    if findings(folder):
+        return report(target, folder)
+    if any(worker.returncode not in (0, -signal.SIGKILL) for worker in workers):
         print((folder / "job-0.log").read_text(errors="replace")[-3000:])
         print(f"fuzz {target}: the engine failed, see {folder}/job-*.log")
         return 1
@@ -233,21 +233,21 @@ def line(progress: dict) -> str:
     return f"{progress['executions']} executions in {progress['seconds']:.0f} s"
 
 
-def tell(target: str, folder: Path) -> int:
+def report(target: str, folder: Path) -> int:
     for log in sorted(folder.glob("job-*.log")):
         text = log.read_text(errors="replace")
         at = text.find("=== Uncaught Python exception")
         if at >= 0:
             print(text[at : at + 4000])
-    for it in found(folder):
-        print(f"fuzz {target}: FOUND {it}")
-        print(f"  play it again: {sys.executable} fuzz/run.py {target} --replay {it}")
+    for path in findings(folder):
+        print(f"fuzz {target}: FOUND {path}")
+        print(f"  play it again: {sys.executable} fuzz/run.py {target} --replay {path}")
     print(f"  when it is mended, keep it as a test: mv FILE fuzz/corpus/{target}/")
     return 1
 
 
 def replay(target: str, files: list[Path]) -> int:
-    """Raises what the target raises."""
+    """Play inputs; raises the errors of the target."""
     module = importlib.import_module(f"targets.{target}")
     for file in files:
         began = time.monotonic()
@@ -257,7 +257,7 @@ def replay(target: str, files: list[Path]) -> int:
 
 
 def reached(one_input: Callable[[bytes], None], data: bytes) -> set[tuple[str, int, int]]:
-    """The steps from line to line within uros that an input takes."""
+    """The transitions between lines of uros that an input executes."""
     source = str(ROOT / "src" / "uros")
     steps: set[tuple[str, int, int]] = set()
 
@@ -285,9 +285,9 @@ def reached(one_input: Callable[[bytes], None], data: bytes) -> set[tuple[str, i
 
 
 def minimise(target: str) -> int:
-    """Keep the smallest inputs that together reach all that was reached, as far as there is room.
+    """Keep the smallest inputs that together reach the same transitions, up to KEPT_BYTES.
 
-    Those with names stay: valid ones, and those of findings.
+    Inputs with names stay: valid inputs, and those of findings.
     """
     module = importlib.import_module(f"targets.{target}")
     folder = BUILD / target
@@ -296,17 +296,17 @@ def minimise(target: str) -> int:
     kept.mkdir(parents=True, exist_ok=True)
     names: dict[bytes, str] = {}
     for source in (kept, folder / "seeds"):
-        for it in source.iterdir():
-            if len(it.name) != HASH:
-                names[it.read_bytes()] = it.name
+        for file in source.iterdir():
+            if len(file.name) != HASH:
+                names[file.read_bytes()] = file.name
             elif source == kept:
-                names.setdefault(it.read_bytes(), "")
-    for it in (folder / "corpus").glob("*"):
-        names.setdefault(it.read_bytes(), "")
+                names.setdefault(file.read_bytes(), "")
+    for file in (folder / "corpus").glob("*"):
+        names.setdefault(file.read_bytes(), "")
     known: set[tuple[str, int, int]] = set()
     room = KEPT_BYTES
     chosen = {}
-    for data, name in sorted(names.items(), key=lambda it: (not it[1], len(it[0]))):
+    for data, name in sorted(names.items(), key=lambda entry: (not entry[1], len(entry[0]))):
         if len(data) > min(room, KEPT_INPUT):
             continue
         steps = reached(module.one_input, data)
@@ -314,8 +314,8 @@ def minimise(target: str) -> int:
             known |= steps
             room -= len(data)
             chosen[name or hashlib.sha1(data).hexdigest()] = data
-    for it in kept.iterdir():
-        it.unlink()
+    for file in kept.iterdir():
+        file.unlink()
     for name, data in chosen.items():
         (kept / name).write_bytes(data)
     print(f"fuzz {target}: {len(chosen)} inputs kept, {KEPT_BYTES - room} bytes", flush=True)

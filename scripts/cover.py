@@ -1,9 +1,9 @@
-"""How much of a room of ``src/uros`` its own tests reach: ``make coverage``.
+"""Measures the coverage of a package of ``src/uros`` by its own tests: ``make coverage``.
 
     python scripts/cover.py [ROOM]...
 
-Lines and branches together, each room by its own folder of tests and by no others. It fails where
-a room is below its mark, and says which lines and branches are not reached.
+It counts lines and branches together, of each package by its own folder of tests only. It fails
+where a package is below MARK, and prints the lines and branches that are not covered.
 """
 
 import os
@@ -13,14 +13,14 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 MARK = 95
-# For one test: being watched it takes several times as long.
+# The limit for one test: coverage makes it several times slower.
 SECONDS = 300
-# A room and the tests that count for it.
+# A package and its folder of tests.
 ROOMS = {"wire": "tests/unit/wire", "agent": "tests/unit/agent"}
 
 
 def measure(room: str) -> bool:
-    """Whether the room's tests pass and reach enough of it."""
+    """Whether the tests of a package run and cover enough of it."""
     data = ROOT / "build" / f"coverage-{room}"
     data.parent.mkdir(exist_ok=True)
     environment = dict(os.environ, COVERAGE_FILE=str(data), PYTHONPATH=str(ROOT / "src"))
@@ -46,10 +46,10 @@ def measure(room: str) -> bool:
 
 def main() -> int:
     chosen = sys.argv[1:] or list(ROOMS)
-    unknown = [it for it in chosen if it not in ROOMS]
+    unknown = [room for room in chosen if room not in ROOMS]
     if unknown:
         sys.exit(f"usage: cover.py [{' | '.join(ROOMS)}]...: there is no {unknown[0]}")
-    return 0 if all([measure(it) for it in chosen]) else 1
+    return 0 if all([measure(room) for room in chosen]) else 1
 
 
 if __name__ == "__main__":

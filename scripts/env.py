@@ -1,14 +1,14 @@
-"""Makes the environments that `make` runs in, and keeps them current.
+"""Creates the environments of `make`, and updates them.
 
     env.py run | test | dev | fuzz
-                               .venv with uros, with what its tests need, with the linters, with
-                               the fuzzing engine
-    env.py micropython         build/micropython: MicroPython as WebAssembly, and a node to run it
+                               .venv with uros, and with the requirements of its tests, with the
+                               linters, with the fuzzing engine
+    env.py micropython         build/micropython: MicroPython as WebAssembly, and Node to run it
     env.py ros                 .venv-ros: real ROS 2 for tests/interop
 
-Each says what it is about to do, does nothing when nothing has changed, and raises Unavailable
-with a remedy when this machine cannot have it. Standard library only. Older Pythons than uros
-supports must get as far as the message that says so: nothing here needs more than Python 3.7.
+Each prints what it installs, does nothing when nothing has changed, and raises Unavailable with a
+remedy when it is not possible on this machine. It uses the standard library only, and Python 3.7:
+a Python that is too old for uros must get as far as the message about that.
 """
 
 import hashlib
@@ -22,14 +22,14 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 OLDEST = (3, 10)
-NEWEST = (3, 13)  # the newest that cyclonedds has wheels for
+NEWEST = (3, 13)  # the newest with wheels of cyclonedds
 NODE_OLDEST = 18
 
 VENV = ROOT / ".venv"
 ROS_VENV = ROOT / ".venv-ros"
 MICROPYTHON = ROOT / "build" / "micropython"
 
-ROS_PYTHON = "3.11"  # the one that ROS 2 on PyPI is built for
+ROS_PYTHON = "3.11"  # the version of ROS 2 on PyPI
 ROS_PACKAGES = (
     "ros-kilted-rclpy",
     "ros-kilted-rmw-fastrtps-cpp",
@@ -40,12 +40,12 @@ ROS_PACKAGES = (
     "ros-kilted-nav-msgs",
     "ros-kilted-test-msgs",
 )
-# The agent itself runs there as well, for its ros2 middleware, and so do tests of it.
+# For the agent with its ros2 middleware, and for the tests of it.
 ROS_AGENT_PACKAGES = ("cyclonedds", "hypothesis", "psutil", "pytest", "pytest-timeout")
 
 
 class Unavailable(Exception):
-    """This machine cannot have an environment. `remedy` says what the user can do about it."""
+    """An environment is not possible on this machine. `remedy` is an instruction for the user."""
 
     def __init__(self, reason: str, remedy: str) -> None:
         super().__init__(f"{reason}; {remedy}")
@@ -58,7 +58,7 @@ def say(text: str) -> None:
 
 
 def succeeds(*command: object) -> bool:
-    """Whether a command runs and exits with status 0; what it prints is dropped."""
+    """Whether a command runs and exits with status 0; its output is dropped."""
     try:
         done = subprocess.run(
             [str(part) for part in command],
@@ -71,8 +71,8 @@ def succeeds(*command: object) -> bool:
     return done.returncode == 0
 
 
-def run(what: str, command: list, **options: object) -> None:
-    """Runs a command, silent unless it fails."""
+def run(step: str, command: list, **options: object) -> None:
+    """Run a command; print its output only if it fails. Raises Unavailable."""
     done = subprocess.run(
         [str(part) for part in command],
         stdin=subprocess.DEVNULL,
@@ -84,7 +84,7 @@ def run(what: str, command: list, **options: object) -> None:
     if done.returncode != 0:
         sys.stdout.write(done.stdout)
         raise Unavailable(
-            f"{what} failed (exit status {done.returncode})",
+            f"{step} failed (exit status {done.returncode})",
             "see the messages above, and whether this machine reaches its package registries",
         )
 
@@ -102,7 +102,7 @@ def digest(*files: Path) -> str:
 
 
 def version_of(python: Path) -> str:
-    """'3.11' for an interpreter that runs, '' for one that does not."""
+    """The version of an interpreter, such as '3.11'; '' if it does not run."""
     try:
         done = subprocess.run(
             [str(python), "-c", "import sys; print('%d.%d' % sys.version_info[:2])"],
@@ -124,14 +124,14 @@ def find_python(version: str):
     pyenv = Path(os.environ.get("PYENV_ROOT") or Path.home() / ".pyenv")
     candidates += sorted(pyenv.glob(f"versions/{version}*/bin/python"), reverse=True)
     for candidate in candidates:
-        # pyenv's shims are on PATH even for versions that it will not run.
+        # pyenv's shims are on PATH even for versions that are not active.
         if candidate.exists() and version_of(candidate) == version:
             return candidate
     return None
 
 
 def apt_install(*packages: str) -> bool:
-    """Installs Debian packages where that needs no question: as root. Says whether it did."""
+    """Install Debian packages if this needs no confirmation, as root; whether it did."""
     if not hasattr(os, "geteuid") or os.geteuid() != 0 or not shutil.which("apt-get"):
         return False
     say("installing " + " ".join(packages) + " with apt-get")
@@ -149,7 +149,7 @@ def apt_install(*packages: str) -> bool:
 
 
 def create_venv(python: Path, folder: Path) -> None:
-    """A new virtual environment in an empty folder, also where Debian has left ensurepip out."""
+    """Create a virtual environment in an empty folder, also without Debian's ensurepip."""
     if not succeeds(python, "-c", "import ensurepip, venv"):
         if succeeds(python, "-c", "import virtualenv"):
             run("virtualenv", [python, "-m", "virtualenv", "-q", folder])
@@ -165,10 +165,10 @@ def create_venv(python: Path, folder: Path) -> None:
 
 
 class Stamp:
-    """The note inside an environment that tells what it was made from.
+    """The file in an environment that records its sources.
 
-    It is written before anything is installed, so that an environment that was cut short is
-    known as ours, and again after it.
+    It is written before the installation, so that an incomplete environment is recognized as one
+    of this script, and again after it.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -185,7 +185,7 @@ class Stamp:
         self.file.write_text(json.dumps(made_from))
 
     def start(self, made_from: dict) -> None:
-        """Empties the folder, and refuses to if somebody else made it."""
+        """Empty the folder. Raises Unavailable if another program created it."""
         if self.folder.exists():
             if not self.file.exists():
                 raise Unavailable(f"{self.folder} was not made by make", "move it away")
@@ -195,16 +195,16 @@ class Stamp:
 
 
 def uros(extra: str) -> None:
-    """.venv with uros installed in place; extra is 'run', 'test', 'dev' or 'fuzz'."""
+    """Create .venv with uros installed in place; extra is 'run', 'test', 'dev' or 'fuzz'."""
     stamp = Stamp(VENV)
     python = VENV / "bin" / "python"
     base = {"root": str(ROOT), "python": version_of(sys.executable)}
     pins = digest(ROOT / "pyproject.toml", ROOT / "constraints.txt")
 
-    was = stamp.read()
-    fresh = {key: was.get(key) for key in base} == base and succeeds(python, "-c", "")
-    extras = set(was.get("extras", ())) if fresh else set()
-    if fresh and was.get("pins") == pins and extra in extras:
+    stamped = stamp.read()
+    fresh = {key: stamped.get(key) for key in base} == base and succeeds(python, "-c", "")
+    extras = set(stamped.get("extras", ())) if fresh else set()
+    if fresh and stamped.get("pins") == pins and extra in extras:
         return
 
     size = {"run": "70 MB", "test": "170 MB", "dev": "260 MB", "fuzz": "130 MB"}[extra]
@@ -213,23 +213,23 @@ def uros(extra: str) -> None:
         stamp.start(base)
         create_venv(Path(sys.executable), VENV)
     extras.add(extra)
-    # Programs for boards are built from every clone: the bytecode compiler is small.
-    wanted = ",".join(sorted(extras - {"run"} | {"board"}))
-    # The build tools are installed first and not by pip's isolation, so that they are pinned too.
+    # Each environment has the bytecode compiler for programs of boards: it is small.
+    requested = ",".join(sorted(extras - {"run"} | {"board"}))
+    # The build tools are installed first, not in isolation by pip, so that they are pinned too.
     pip(python, "-c", "constraints.txt", "hatchling", "editables")
-    pip(python, "-c", "constraints.txt", "--no-build-isolation", "-e", f".[{wanted}]")
+    pip(python, "-c", "constraints.txt", "--no-build-isolation", "-e", f".[{requested}]")
     stamp.write(dict(base, pins=pins, extras=sorted(extras)))
 
 
 def tshark() -> None:
-    """Wireshark's reader, by which captures are tested. Without it those tests fail, saying so."""
+    """Install tshark, Wireshark's reader. Without it the tests of captures fail and say so."""
     if not shutil.which("tshark") and not apt_install("tshark"):
         say("there is no tshark, so the tests of captures will FAIL: install it (Debian, Ubuntu:")
         say("sudo apt-get install tshark; elsewhere it comes with Wireshark)")
 
 
 def find_node() -> tuple:
-    """(node, npm-cli.js): the machine's own if new enough, else the one that PyPI has."""
+    """(node, npm-cli.js): those of the machine if new enough, else those from PyPI."""
     node, npm = shutil.which("node"), shutil.which("npm")
     check = f"process.exit(parseInt(process.versions.node) >= {NODE_OLDEST} ? 0 : 1)"
     if node and npm and succeeds(node, "-e", check):
@@ -244,7 +244,7 @@ def find_node() -> tuple:
 
 
 def micropython() -> None:
-    """build/micropython with node_modules and a link to the node that runs it."""
+    """Create build/micropython with node_modules and a link to the Node that runs it."""
     recipe = ROOT / "tests" / "mpy"
     files = [recipe / "package.json", recipe / "package-lock.json"]
     made_from = {"pins": digest(*files)}
@@ -267,7 +267,7 @@ def micropython() -> None:
 
 
 def ros() -> None:
-    """.venv-ros with ROS 2 Kilted from PyPI."""
+    """Create .venv-ros with ROS 2 Kilted from PyPI."""
     pins = ROOT / "constraints-ros.txt"
     made_from = {"root": str(ROOT), "pins": digest(pins)}
     stamp = Stamp(ROS_VENV)
@@ -297,16 +297,16 @@ def ros() -> None:
 
 
 def use_supported_python() -> None:
-    """Goes on under a Python that uros runs on, if this one is too old or too new."""
+    """Restart under a supported Python if this one is too old or too new. Raises Unavailable."""
     if OLDEST <= sys.version_info[:2] <= NEWEST:
         return
     for minor in range(NEWEST[1], OLDEST[1] - 1, -1):
-        other = find_python(f"3.{minor}")
-        if other:
-            os.execv(other, [str(other), *sys.argv])
-    here = version_of(sys.executable)
+        newer = find_python(f"3.{minor}")
+        if newer:
+            os.execv(newer, [str(newer), *sys.argv])
+    version = version_of(sys.executable)
     raise Unavailable(
-        f"this is Python {here}, and uros needs 3.{OLDEST[1]} to 3.{NEWEST[1]}",
+        f"this is Python {version}, and uros needs 3.{OLDEST[1]} to 3.{NEWEST[1]}",
         "install one of them, or name it: make PYTHON=/path/to/python ...",
     )
 

@@ -5,11 +5,11 @@
     .venv/bin/python scripts/foreign_names.py
 
 Each line is a kind and a name: an ``attribute`` of a type, a ``builtin``, or a builtin ``class``.
-They are those of MicroPython 1.27, asked of the interpreter that the tests run, and attributes of
-what that one lacks and firmware for boards has: these are written down here, as MicroPython's
-documentation lists them. The build of a board gives none of them another meaning. The file is in
-the tree, so that a build is the same on every Python that makes it. Run this again when the version
-of MicroPython changes, or a board brings what is not listed.
+They are the names of MicroPython 1.27, from the interpreter of the tests, and attributes of modules
+that only the firmware of boards has: the latter are listed here, after MicroPython's documentation.
+The board builder does not reuse any of these names. The file is in the tree, so that a build is the
+same on every Python. Run this again when the version of MicroPython changes, or when a board has
+names that are not listed.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from typing import Final
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 FILE: Final = ROOT / "src/uros/boards/builder/foreign_names.txt"
-FILE.touch()  # what is imported next reads it
+FILE.touch()  # the next import reads it
 sys.path.insert(0, str(ROOT / "tests"))
 
 from mpy.harness import MicroPython  # noqa: E402
 
-# What uros may ask of machine, network, socket, ssl, pyb, usb.device and streams of asyncio.
+# Attributes of machine, network, socket, ssl, pyb, usb.device and streams of asyncio.
 _OF_BOARDS: Final = (
     "accept active any base_mac bind bitstream calibration cancel config connect datetime deepsleep"
     " deinit desc_cfg desc_dev desc_strs disable_irq disconnect done drain drive duty duty_ns"
@@ -39,7 +39,7 @@ _OF_BOARDS: Final = (
     " wait_usb width wrap_socket write_readinto writeblocks writeto writeto_mem writevto"
     " xfer_pending"
 ).split()
-# Objects of MicroPython have these, and dir() does not show them.
+# Attributes of MicroPython's objects that dir() does not return.
 _HIDDEN: Final = (
     "args coro data errno imag itemsize machine nodename real release start step stop sysname value"
     " version"
@@ -55,8 +55,8 @@ MODULES = (
 )
 names = set()
 
-def visit(it):
-    for name in dir(it):
+def visit(cls):
+    for name in dir(cls):
         names.add("attribute " + name)
 
 def generator():
@@ -67,11 +67,11 @@ for full in MODULES.split():
     for part in full.split(".")[1:]:
         module = getattr(module, part)
     for name in dir(module):
-        it = getattr(module, name)
-        visit(it if isinstance(it, type) else type(it))
-found = re.compile("a")
-for it in (generator(), iter([]), iter({}), {}.items(), print, visit, found, found.match("a")):
-    visit(type(it))
+        member = getattr(module, name)
+        visit(member if isinstance(member, type) else type(member))
+regex = re.compile("a")
+for value in (generator(), iter([]), iter({}), {}.items(), print, visit, regex, regex.match("a")):
+    visit(type(value))
 for name in dir(builtins):
     names.add(("class " if isinstance(getattr(builtins, name), type) else "builtin ") + name)
 for name in names:
@@ -79,14 +79,14 @@ for name in names:
 """
 
 
-def made() -> str:
-    """The file's text."""
+def file_text() -> str:
+    """The text of the file."""
     with MicroPython() as board:
-        asked = board.run(_ASK).splitlines()
-    names = {*asked, *("attribute " + name for name in (*_OF_BOARDS, *_HIDDEN))}
-    kept = sorted(name for name in names if not name.partition(" ")[2].startswith("_"))
-    return "\n".join(["# Made by scripts/foreign_names.py", *kept, ""])
+        names_found = board.run(_ASK).splitlines()
+    names = {*names_found, *("attribute " + name for name in (*_OF_BOARDS, *_HIDDEN))}
+    public = sorted(name for name in names if not name.partition(" ")[2].startswith("_"))
+    return "\n".join(["# Made by scripts/foreign_names.py", *public, ""])
 
 
 if __name__ == "__main__":
-    FILE.write_text(made(), encoding="utf-8")
+    FILE.write_text(file_text(), encoding="utf-8")

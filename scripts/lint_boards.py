@@ -1,11 +1,10 @@
-"""The programs in firmware/ and the drivers, as MicroPython sees them: mypy with a port's stubs.
+"""Checks the programs in firmware/ and the drivers by mypy with the stubs of a MicroPython port.
 
     lint_boards.py             all of them
     lint_boards.py NAME ...    these folders of firmware/
 
-uros/boards/virtual/hardware/board.py says which port a program is for. The stubs are in
-build/typings/PORT, where this script installs them: in .venv they would replace the modules of
-CPython.
+uros/boards/virtual/models/catalog.py has the ports of a program. This script installs the stubs in
+build/typings/PORT: in .venv they would replace the modules of CPython.
 """
 
 import subprocess
@@ -20,7 +19,7 @@ STUBS = {"esp32": "esp32", "rp2": "rp2", "stm32": "stm32", "renesas-ra": "stm32"
 
 
 def stubs(port: str) -> Path:
-    """The folder of a port's stubs, installed where they are not or not the pinned ones."""
+    """The folder of a port's stubs; installs them if missing or not the pinned version."""
     name = STUBS[port]
     folder = TYPINGS / name
     made = folder / "made"
@@ -38,28 +37,30 @@ def stubs(port: str) -> Path:
     return folder
 
 
-def check(port: str, *what: str) -> bool:
-    """Whether mypy has nothing to say. A configuration of its own for each port, since mypy takes
-    the folder of stubs from there."""
+def check(port: str, *targets: str) -> bool:
+    """Whether mypy reports nothing.
+
+    Each port has a configuration of its own, from which mypy takes the folder of stubs.
+    """
     folder = stubs(port)
     text = (ROOT / "firmware" / "mypy.ini").read_text()
     config = TYPINGS / f"{STUBS[port]}.ini"
     config.write_text(text.replace("@STUBS@", str(folder)).replace("@ROOT@", str(ROOT)))
-    print(f"lint: {' '.join(what)} for {port}", flush=True)
+    print(f"lint: {' '.join(targets)} for {port}", flush=True)
     done = subprocess.run(
         [sys.executable, "-m", "mypy", "--config-file", config,
-         "--cache-dir", ROOT / ".mypy_cache" / STUBS[port], *what],
+         "--cache-dir", ROOT / ".mypy_cache" / STUBS[port], *targets],
         cwd=ROOT,
     )  # fmt: skip
     return done.returncode == 0
 
 
 def programs() -> dict[str, tuple[str, ...]]:
-    """The ports of each folder of firmware/. A folder that no board names is a fault."""
+    """The ports of each folder of firmware/; exits with an error for a folder without a board."""
     from uros.boards.virtual.models.catalog import BOARDS
 
-    ports = {it.firmware: it.ports for it in BOARDS.values()}
-    found = {}
+    ports = {board.firmware: board.ports for board in BOARDS.values()}
+    programs_found = {}
     for main in sorted((ROOT / "firmware").glob("*/main.py")):
         name = main.parent.name
         if not ports.get(name):
@@ -67,8 +68,8 @@ def programs() -> dict[str, tuple[str, ...]]:
                 f"lint: firmware/{name} has no port: name it in"
                 " src/uros/boards/virtual/models/catalog.py"
             )
-        found[name] = ports[name]
-    return found
+        programs_found[name] = ports[name]
+    return programs_found
 
 
 def main(names: list[str]) -> int:

@@ -1,14 +1,14 @@
-"""What is fuzzed. Each module has
+"""The fuzz targets. Each module has
 
 ``one_input(data)``
-    plays any bytes; whatever it raises is a finding.
+    plays any bytes; every exception is a finding.
 ``seeds()``
-    (name, bytes) of valid inputs to begin with.
+    (name, bytes) of valid inputs, to start with.
 ``mutate(data, random, mutate_bytes)``
-    optional: another input like ``data``, made with its structure in mind. ``mutate_bytes`` is
-    the engine's own mutator.
+    optional: a mutation of ``data`` that follows its structure. ``mutate_bytes`` is the engine's
+    own mutator.
 
-Nothing here needs the fuzzing engine: tests play the kept inputs in plain Python.
+No target needs the fuzzing engine: tests play the kept inputs in plain Python.
 """
 
 TARGETS = (

@@ -1,21 +1,21 @@
-"""A board's node that hears anything from its agent, at any time, while it publishes and calls.
+"""A board's node that gets any messages at any time, while it publishes and calls services.
 
-The first byte says how large a datagram may be (bits 0 and 1) and whether the node has parameters
-and actions, too (bit 2). Then records, by the operation's low three bits:
+The first byte has the MTU (bits 0 and 1) and whether the node has parameters and actions too (bit
+2). The records follow; the low three bits of the operation are the kind:
 
 ====  ====================================================================
 0     a datagram as it is
 1     submessages in the next message of the reliable stream
-2     the same on the best-effort stream, or with 0x20 on none
-3     a sample: the first byte says for which entity; with 0x20 in fragments
+2     submessages on the best-effort stream, or with 0x20 outside of streams
+3     a sample: the first byte chooses the entity; with 0x20 in fragments
 4     a time, in milliseconds
-5     the program does something: ``op >> 3`` says what
-6     the agent or the line changes: ``op >> 3`` says how
-7     the last message of the reliable stream comes before the ones that are lost
+5     an action of the program: ``op >> 3`` is its number
+6     a change of the agent or the line: ``op >> 3`` is its number
+7     a message of the reliable stream arrives before lost ones with lower numbers
 ====  ====================================================================
 
-With 0x40 the board has no time to read before the next record. No exception may leave spinning, and
-when a good agent comes the node has its session, and everything works.
+With 0x40 the board does not spin before the next record. spin_once must raise no exception, and
+with a correct agent the node must get a session again, in which everything works.
 """
 
 from collections.abc import Iterator
@@ -47,33 +47,33 @@ SKIP, LATER = 0x20, 0x40
 _MTUS = (512, 128, 63, 2048)
 _LIMIT = 8192
 _MAX_MS = 20_000
-_MAX_TURNS = 3000  # of spinning, with no time between: more would be for ever
+_MAX_TURNS = 3000  # spin_once calls without progress of time; more would be endless
 
 
 class Board:
-    """A node of everything, its agent and their time."""
+    """A node with every kind of entity, its agent and their clock."""
 
-    def __init__(self, how: int) -> None:
+    def __init__(self, options: int) -> None:
         self.clock = FakeClock()
-        self.agent = FakeAgent(self.clock, _MTUS[how & 3])
+        self.agent = FakeAgent(self.clock, _MTUS[options & 3])
         self.left_ms = _MAX_MS
-        self.heard: list[int] = []
+        self.received: list[int] = []
         self.answers: list[Any] = []
-        self.made = 0
+        self.sequence = 0
         node = self.node = Node("node", self.agent, key=KEY, clock=self.clock, limit=_LIMIT)
         node.connection.log = lambda text: None
         node.executor.report = self.report
         self.publisher = node.create_publisher(Int32, "topic")
         self.stamped = node.create_publisher(Header, "stamped")
         self.subscription = node.create_subscription(
-            Int32, "topic", lambda it: self.heard.append(it.data)
+            Int32, "topic", lambda message: self.received.append(message.data)
         )
-        node.create_subscription(String, "words", lambda it: None)
-        node.create_subscription(JointState, "joints", lambda it: None)
+        node.create_subscription(String, "words", lambda message: None)
+        node.create_subscription(JointState, "joints", lambda message: None)
         node.create_service(AddTwoInts, "service", lambda request, response: response)
         self.client = node.create_client(AddTwoInts, "client")
         self.goals: Any = None
-        if how & 4:
+        if options & 4:
             for name, value in (("a", 1), ("b", 2.5), ("c", "text"), ("d", [1, 2]), ("e", True)):
                 node.declare_parameter(name, value)
             ActionServer(node, Fibonacci, "serves", self.execute)
@@ -83,7 +83,7 @@ class Board:
 
     @staticmethod
     def report(error: Exception) -> None:
-        # Samples that are none are told. Who asks for more than fits gets no answer.
+        # Invalid samples are reported. A response that is too long is not sent.
         if type(error) is ValueError and "what came is no" in str(error):
             return
         if not isinstance(error, EncodeError):
@@ -107,7 +107,7 @@ class Board:
         turns = 0
         while True:
             before = self.clock.t
-            # Up to a whole millisecond: with a part of one it would not wait.
+            # Rounded up to a millisecond: with less it would not wait.
             self.node.spin_once(max(0, -(-(end - self.clock.t) // 1000)) / 1000)
             self.check()
             turns = turns + 1 if self.clock.t == before else 0
@@ -116,28 +116,34 @@ class Board:
                 return
 
     def check(self) -> None:
-        one = self.node.connection
-        must(one.in_flight() <= 16, "more messages in flight than the window has")
-        flying = sum(one._size(one.slots[(one.acked + i) & 15]) for i in range(one.in_flight()))
-        must(one.size() == flying + sum(map(len, one.waiting)), "bytes are counted wrong")
-        must(len(one._in.waiting) < 16, "early messages")
-        must(one._fragments.pending <= one.limit, "fragments")
-        must(one.size() <= one.limit + 16 * 600, "more waits than may")
-        must(len(one._idle) == 17 and 0 <= one.free <= 16, "buffers")
-        for it in self.node._entities:
-            must(len(getattr(it, "_queue", ())) <= 400, "messages are kept")
+        connection = self.node.connection
+        must(connection.in_flight() <= 16, "more messages in flight than the window has")
+        in_flight = sum(
+            connection._size(connection.slots[(connection.acked + i) & 15])
+            for i in range(connection.in_flight())
+        )
+        must(
+            connection.size() == in_flight + sum(map(len, connection.waiting)),
+            "bytes are counted wrong",
+        )
+        must(len(connection._in.waiting) < 16, "early messages")
+        must(connection._fragments.pending <= connection.limit, "fragments")
+        must(connection.size() <= connection.limit + 16 * 600, "more waits than may")
+        must(len(connection._idle) == 17 and 0 <= connection.free <= 16, "buffers")
+        for entity in self.node._entities:
+            must(len(getattr(entity, "_queue", ())) <= 400, "messages are kept")
 
     # --- the records --------------------------------------------------------------------------
 
     def reliable(self, body: bytes) -> None:
-        """A message of the reliable stream, which is sent again until it is acknowledged."""
+        """Send a message on the reliable stream, with retransmission."""
         agent = self.agent
         agent.out.put(
             bytes((agent.session_id, ids.STREAM_RELIABLE))
             + agent.out.next.to_bytes(2, "little") + body
         )  # fmt: skip
-        for it in agent.out.take(self.clock.ms()):
-            agent.post(it)
+        for datagram in agent.out.take(self.clock.ms()):
+            agent.post(datagram)
 
     def do(self, op: int, body: bytes) -> None:
         kind = op & 7
@@ -149,8 +155,10 @@ class Board:
             self.reliable(body)
         elif kind == OTHER:
             stream = 0 if op & SKIP else ids.STREAM_BEST_EFFORT
-            self.made += 1
-            head = bytes((agent.session_id, stream)) + (self.made & 0xFFFF).to_bytes(2, "little")
+            self.sequence += 1
+            head = bytes((agent.session_id, stream)) + (self.sequence & 0xFFFF).to_bytes(
+                2, "little"
+            )
             agent.post(head + body)
         elif kind == SAMPLE:
             self.sample(body, bool(op & SKIP))
@@ -179,7 +187,7 @@ class Board:
         request = 0
         pending = getattr(entity, "_pending", None)
         if pending:
-            request = next(iter(pending))  # an answer to what was asked
+            request = next(iter(pending))  # a response to a pending request
         data = built(session.push_request, request, object_id) + octets
         if not fragments:
             self.agent.reliable(ids.DATA, data)
@@ -190,50 +198,50 @@ class Board:
             flags = ids.FLAG_LITTLE_ENDIAN | (ids.FLAG_LAST_FRAGMENT if last else 0)
             self.agent.reliable(ids.FRAGMENT, whole[at : at + 40], flags)
 
-    def program(self, what: int, body: bytes) -> None:
+    def program(self, action: int, body: bytes) -> None:
         node = self.node
-        if what == 0:
+        if action == 0:
             self.publisher.publish(Int32(data=len(body)))
-        elif what == 1:
+        elif action == 1:
             header = Header(frame_id="x" * min(len(body) * 9, 2000))
             self.clock.stamp(header.stamp)
             self.stamped.publish(header)
-        elif what == 2:
+        elif action == 2:
             self.client.call_async(AddTwoInts.Request()).add_done_callback(self.answers.append)
-        elif what == 3 and self.goals is not None:
-            self.goals.send_goal_async(Fibonacci.Goal(order=3), lambda it: None)
-        elif what == 4:
+        elif action == 3 and self.goals is not None:
+            self.goals.send_goal_async(Fibonacci.Goal(order=3), lambda future: None)
+        elif action == 4:
             topic = f"t{len(body) % 8}"
-            subscription = node.create_subscription(Int32, topic, lambda it: None)
+            subscription = node.create_subscription(Int32, topic, lambda message: None)
             if len(body) & 8:
                 self.spin(3)
             node.destroy_subscription(subscription)
-        elif what == 5:
+        elif action == 5:
             for _ in range(20):
                 self.publisher.publish(Int32(data=1))
-        elif what == 6:
+        elif action == 6:
             node.connection.end("the program wants another")
         elif self.goals is not None:
             self.goals.cancel_all_goals_async()
 
-    def change(self, what: int, number: int) -> None:
+    def change(self, action: int, number: int) -> None:
         agent = self.agent
-        if what == 0:
+        if action == 0:
             agent.silent = not agent.silent
-        elif what == 1:
+        elif action == 1:
             agent.fail_send = None if agent.fail_send else OSError(5, "no line")
-        elif what == 2:
+        elif action == 2:
             agent.fail_receive = None if agent.fail_receive else OSError(5, "no line")
-        elif what == 3:
+        elif action == 3:
             agent.fail_open = None if agent.fail_open else OSError(19, "no line")
-        elif what == 4:
+        elif action == 4:
             agent.delay = (number & 0xFF) * 500, (number >> 8) * 500
-        elif what == 5 and number & 1:
-            # Any time that 32 bits can tell; stamps end in 2038.
+        elif action == 5 and number & 1:
+            # Any time of 32 bits; stamps end in 2038.
             agent.epoch_us = (number & 0xFFFE) * 65536 * 1_000_000
-        elif what == 5:
+        elif action == 5:
             agent.status = number >> 8
-        elif what == 6:
+        elif action == 6:
             agent.refuse = {} if agent.refuse else {number: 0x80 + (number & 7)}
         else:
             agent.forget()
@@ -241,7 +249,7 @@ class Board:
     # --- the end ------------------------------------------------------------------------------
 
     def healed(self) -> None:
-        """With another agent, which is good, it is as good as new."""
+        """With a correct agent, the node publishes, receives and calls again."""
         agent = self.agent
         agent.fail_open = agent.fail_send = agent.fail_receive = None
         agent.status = ids.STATUS_OK
@@ -253,16 +261,16 @@ class Board:
         agent.forget()
         self.spin(5000)
         must(self.node.state == AGENT_CONNECTED, f"no session again: {self.node.connection.reason}")
-        del self.heard[:]
+        del self.received[:]
         agent.sample(self.subscription.object_id(ids.KIND_DATAREADER), number_bytes(7))
         must(self.publisher.publish(Int32(data=8)), "nothing can be published")
         future = self.client.call_async(AddTwoInts.Request())
         self.spin(100)
-        must(self.heard == [7], "it hears nothing")
+        must(self.received == [7], "it hears nothing")
         writer = self.publisher.object_id(ids.KIND_DATAWRITER)
         must((writer, number_bytes(8)) in agent.samples, "nothing is published")
         must(not future.done(), "an answer that nobody gave")
-        must(all(it.done() for it in self.answers), "who asked is never answered")
+        must(all(future.done() for future in self.answers), "who asked is never answered")
         self.node.destroy_node()
         must(not agent.is_open, "the transport stays open")
 
@@ -282,27 +290,29 @@ def _cdr(message: Any) -> bytes:
 
 
 def _samples() -> list[bytes]:
-    """What may be said to an entity."""
+    """Valid samples for the entities."""
     value = ParameterValue(type=3, double_value=1.5)
     goal = Fibonacci.Impl.SendGoalService.Request()
     cancel = CancelGoal.Request()
     result = Fibonacci.Impl.GetResultService.Request()
-    asked = [
+    requests = [
         AddTwoInts.Request(a=1, b=2), GetParameters.Request(names=["a", "b", "no"]),
         ListParameters.Request(prefixes=["a"]), goal, cancel, result,
         SetParameters.Request(parameters=[Parameter(name="b", value=value)]),
     ]  # fmt: skip
-    told = [
+    messages = [
         Int32(data=5), String(data="words"), JointState(name=["a"], position=[1.0]),
         AddTwoInts.Response(sum=3), Fibonacci.Impl.SendGoalService.Response(accepted=True),
         CancelGoal.Response(), Fibonacci.Impl.GetResultService.Response(status=4),
         Fibonacci.Impl.FeedbackMessage(), Fibonacci.Impl.GoalStatusMessage(),
     ]  # fmt: skip
-    return [_IDENTITY + _cdr(it) for it in asked] + [_cdr(it) for it in told]
+    return [_IDENTITY + _cdr(message) for message in requests] + [
+        _cdr(message) for message in messages
+    ]
 
 
 def _bodies() -> list[bytes]:
-    """Submessages of agents."""
+    """Submessages that agents send."""
     time = (1_700_000_000, 5)
     return [
         submessage(ids.STATUS, built(session.push_status, 10, 0x15, 0)),
@@ -324,7 +334,7 @@ def _bodies() -> list[bytes]:
 
 
 _material: list[records.Record] = []
-_said: list[bytes] = []
+_seed_bodies: list[bytes] = []
 
 
 def seeds() -> Iterator[tuple[str, bytes]]:
@@ -333,24 +343,32 @@ def seeds() -> Iterator[tuple[str, bytes]]:
     def ms(number: int) -> bytes:
         return number.to_bytes(2, "little")
 
-    for how in (0, 1, 2, 7):
-        said = [(RELIABLE, it) for it in bodies] + [(OTHER | SKIP, it) for it in bodies]
-        yield f"bodies_{how}", bytes((how,)) + records.pack([*said, (TIME, ms(500))])
+    for options in (0, 1, 2, 7):
+        steps = [(RELIABLE, body) for body in bodies] + [(OTHER | SKIP, body) for body in bodies]
+        yield f"bodies_{options}", bytes((options,)) + records.pack([*steps, (TIME, ms(500))])
         yield (
-            f"samples_{how}",
-            bytes((how,))
+            f"samples_{options}",
+            bytes((options,))
             + records.pack(
-                [(SAMPLE, bytes((at,)) + it) for at, it in enumerate(samples)] + [(TIME, ms(500))]
+                [(SAMPLE, bytes((at,)) + sample) for at, sample in enumerate(samples)]
+                + [(TIME, ms(500))]
             ),
         )
-        does = [(PROGRAM | what << 3, b"five!") for what in range(8)]
-        yield f"program_{how}", bytes((how,)) + records.pack([*does, (TIME, ms(900)), *does])
-        changes = [(AGENT | what << 3, b"\x85\0") for what in range(8)]
+        actions = [(PROGRAM | action << 3, b"five!") for action in range(8)]
         yield (
-            f"changes_{how}",
-            bytes((how,))
+            f"program_{options}",
+            bytes((options,)) + records.pack([*actions, (TIME, ms(900)), *actions]),
+        )
+        changes = [(AGENT | action << 3, b"\x85\0") for action in range(8)]
+        yield (
+            f"changes_{options}",
+            bytes((options,))
             + records.pack(
-                [it for change in changes for it in (change, (TIME, ms(300)), does[0], change)]
+                [
+                    step
+                    for change in changes
+                    for step in (change, (TIME, ms(300)), actions[0], change)
+                ]
             ),
         )
     yield (
@@ -364,9 +382,9 @@ def seeds() -> Iterator[tuple[str, bytes]]:
             ]
         ),
     )
-    clocks = [(AGENT | 5 << 3, ms(it)) for it in (1, 0x7FFF, 0x8001, 0xFFFF)]
+    clocks = [(AGENT | 5 << 3, ms(epoch)) for epoch in (1, 0x7FFF, 0x8001, 0xFFFF)]
     yield "clocks", b"\4" + records.pack(
-        [it for clock in clocks for it in (
+        [step for clock in clocks for step in (
             clock, (PROGRAM | 6 << 3, b""), (TIME, ms(3000)), (PROGRAM | 1 << 3, b"x"),
             (SAMPLE, b"\x0b" + samples[3]), (TIME, ms(100)),
         )]
@@ -382,24 +400,24 @@ def seeds() -> Iterator[tuple[str, bytes]]:
 
 def mutate(data: bytes, random: Random, mutate_bytes: records.MutateBytes) -> bytes:
     if not _material:
-        _said.extend(_bodies())
-        _material.extend((RELIABLE, it) for it in _said)
-        _material.extend((OTHER | SKIP, it) for it in _said)
-        _material.extend((PROGRAM | what << 3, b"five!") for what in range(8))
-        _material.extend((AGENT | what << 3, b"\x85\0") for what in range(8))
+        _seed_bodies.extend(_bodies())
+        _material.extend((RELIABLE, body) for body in _seed_bodies)
+        _material.extend((OTHER | SKIP, body) for body in _seed_bodies)
+        _material.extend((PROGRAM | action << 3, b"five!") for action in range(8))
+        _material.extend((AGENT | action << 3, b"\x85\0") for action in range(8))
         for number in (1, 0x7FFF, 0x8001, 0xFFFF, 0x8500):
             _material.append((AGENT | 5 << 3, number.to_bytes(2, "little")))
         for number in (1, 30, 210, 1000, 2500):
             _material.append((TIME, number.to_bytes(2, "little")))
         for at in range(32):
-            for it in _samples():
-                _material.append((SAMPLE | random.choice((0, 0, SKIP)), bytes((at,)) + it))
+            for sample in _samples():
+                _material.append((SAMPLE | random.choice((0, 0, SKIP)), bytes((at,)) + sample))
 
     def change(op: int, body: bytes) -> bytes:
         if op & 7 in (RELIABLE, OTHER, EARLY):
-            return submessages.change(body, random, mutate_bytes, _said)
+            return submessages.change(body, random, mutate_bytes, _seed_bodies)
         if op & 7 == RAW and len(body) > 4:
-            return body[:4] + submessages.change(body[4:], random, mutate_bytes, _said)
+            return body[:4] + submessages.change(body[4:], random, mutate_bytes, _seed_bodies)
         if op & 7 == SAMPLE and random.random() < 0.8:
             return body[:1] + mutate_bytes(body[1:])
         return mutate_bytes(body)

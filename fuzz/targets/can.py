@@ -1,14 +1,13 @@
-"""The agent on a CAN bus: frames of any length that say any length, from any board, of the kinds
-that the agent has nothing to do with, and a bus that takes nothing or goes away.
+"""The agent on a CAN bus: frames with any length and any length byte, from any board, frames of
+other kinds, and a bus that is full or disappears.
 
-Records; the low bits of the operation say what the bytes are:
+The input is records; the low bits of the operation are the kind:
 
 ====  ====================================================================
-0     a frame's identifier (4) and its data, as they are
-1     a message, put into a right frame of board ``op >> 4``
-2     what the bus says to the next frames that are sent: 0 takes them, 1 is full, 2 is gone,
-      3 refuses them
-3     a frame of another kind: the first byte says which, by bits
+0     a frame's identifier (4 bytes) and its data, unchanged
+1     a message, in a valid frame of board ``op >> 4``
+2     the state of the bus for sending: 0 accepts frames, 1 is full, 2 is gone, 3 refuses frames
+3     a frame of another kind: the bits of the first byte are the kind
 4     a time, in milliseconds
 ====  ====================================================================
 """
@@ -27,7 +26,7 @@ _ERRORS = (None, errno.ENOBUFS, errno.ENETDOWN, errno.EINVAL)
 
 
 class Message:
-    """What python-can gives and takes."""
+    """The message class of python-can."""
 
     def __init__(self, arbitration_id=0, data=b"", is_extended_id=True, **more) -> None:  # type: ignore
         self.arbitration_id = arbitration_id
@@ -77,7 +76,7 @@ class Server(CanServer):
 
 
 def one_input(data: bytes) -> None:
-    python_can()  # it says so where it is not installed
+    python_can()  # raises an error where it is not installed
     world = World()
     server = Server()
     server.open(world)  # type: ignore[arg-type]
@@ -86,7 +85,7 @@ def one_input(data: bytes) -> None:
         kind = op & 7
         bus = server.buses[-1]
         if bus.shut:
-            world.step(1000)  # it comes back
+            world.step(1000)  # the server opens it again
             bus = server.buses[-1]
             must(not bus.shut, "the bus stays away")
         if kind == 0:
@@ -120,7 +119,7 @@ def one_input(data: bytes) -> None:
             must(size in (*range(9), 12, 16, 20, 24, 32, 48, 64), f"no frame has {size} bytes")
             must(0 < message.data[0] < size, "a frame that lies about its length")
         bus.taken.clear()
-    # Whatever came before, the bus is served when it is there.
+    # After any input, the agent serves the bus again.
     for bus in server.buses:
         bus.error = None
     world.step(2000)
@@ -130,9 +129,9 @@ def one_input(data: bytes) -> None:
     bus.given.append(Message(0x77, can_frame(BARE_PING)))
     server._drain()
     world.settle()
-    must(any(it.arbitration_id == 0x77 for it in bus.taken), "a ping is not answered")
+    must(any(frame.arbitration_id == 0x77 for frame in bus.taken), "a ping is not answered")
     server.close()
-    must(all(it.shut for it in server.buses), "buses after the end")
+    must(all(bus.shut for bus in server.buses), "buses after the end")
     for client in list(world.agent.clients.values()):
         if client.key != 0x5EC0DD17:
             world.agent.delete_client(client.key)
@@ -140,14 +139,14 @@ def one_input(data: bytes) -> None:
 
 
 def _short() -> Iterator[tuple[int, bytes]]:
-    for name, said in datagrams.captured():
+    for name, messages in datagrams.captured():
         if name in ("ping", "binary_entities", "service", "time_sync"):
-            yield from (it for it in said if len(it[1]) <= MTU)
+            yield from (record for record in messages if len(record[1]) <= MTU)
 
 
 def seeds() -> Iterator[tuple[str, bytes]]:
-    said = list(_short())
-    frames: list[records.Record] = [(1 | peer << 4, message) for peer, message in said]
+    messages = list(_short())
+    frames: list[records.Record] = [(1 | peer << 4, message) for peer, message in messages]
     yield "talk", records.pack(frames[:30])
     yield (
         "kinds",
@@ -171,6 +170,6 @@ def seeds() -> Iterator[tuple[str, bytes]]:
     )
 
 
-_material: list[records.Record] = [(2, bytes((it,))) for it in range(4)]
+_material: list[records.Record] = [(2, bytes((error,))) for error in range(4)]
 _material += [(4, b"\x2c\x01"), (0, b"\x01\0\0\0\x08\x80\0\0\0\0\0\0\0")]
 mutate = datagrams.Carried(OPS, (1,), _material, _short).mutate

@@ -1,23 +1,23 @@
-"""A whole agent that hears datagrams of several clients, in any order and at any time.
+"""A whole agent that receives datagrams of several clients, in any order and at any time.
 
-Records; the operation is ``peer | kind << 2 | option bits``:
+The input is records; the operation is ``peer | kind << 2 | option bits``:
 
 ====  ====================================================================
-kind  what the bytes are
+kind  body
 ====  ====================================================================
-0     a datagram as it is
-1     submessages on the reliable stream 0x80, in the next message of it
-2     the same on the best-effort stream 0x01
-3     the same on no stream
+0     a datagram, unchanged
+1     submessages on the reliable stream 0x80, with its next sequence number
+2     submessages on the best-effort stream 0x01
+3     submessages outside of streams
 4     a time, in milliseconds
-5     a sample that somebody else publishes; the first byte says on which topic
-6     a submessage in fragments; the first byte says how long they are
-7     nothing: the client's connection is gone
+5     a sample from outside of the agent; the first byte is the number of the topic
+6     a submessage in fragments; the first byte is their length, in units of 4 bytes, less 1
+7     none: the client's connection is gone
 ====  ====================================================================
 
-With 0x20 a message too many is left out before it, with 0x40 the client acknowledges all that it
-has got after it. Clients 1 and 2 are known by their address, 3 and 4 by their keys. Who has
-no session yet gets one first, but for datagrams as they are.
+With 0x20 a sequence number is skipped before the message, with 0x40 the client acknowledges all
+received messages after it. Clients 1 and 2 are known by their address, 3 and 4 by their keys. A
+client without a session creates one first, except for unchanged datagrams.
 """
 
 import json
@@ -36,7 +36,7 @@ RAW, RELIABLE, BEST_EFFORT, BARE, TIME, SAMPLE, FRAGMENTS, GONE = range(8)
 SKIP, POLITE = 0x20, 0x40
 OPS = tuple(range(0x80))
 CAPTURES = Path(__file__).resolve().parents[2] / "tests" / "captures"
-# Attack inputs of the engine are cheap; time that passes is not.
+# Simulated time is expensive, so an input may use this much.
 _MAX_MS = 45_000
 
 
@@ -60,20 +60,20 @@ class _Play:
         self.left_ms = _MAX_MS
 
     def session(self, peer: int):  # type: ignore[no-untyped-def]
-        """The session of a peer, made where there is none."""
+        """The session of a peer, created where there is none."""
         world = self.world
-        found = world.place.sessions.get(peer) if peer < 3 else None
-        if found is None:
+        session = world.place.sessions.get(peer) if peer < 3 else None
+        if session is None:
             client = world.agent.clients.get(key_of(peer))
-            found = None if client is None else client.session
-        if found is None:
-            world.hear(peer, create_client(key_of(peer), session_id_of(peer)))
+            session = None if client is None else client.session
+        if session is None:
+            world.receive(peer, create_client(key_of(peer), session_id_of(peer)))
             client = world.agent.clients.get(key_of(peer))
-            found = None if client is None else client.session
-        return found
+            session = None if client is None else client.session
+        return session
 
     def say(self, peer: int, stream: int, body: bytes, skip: bool) -> None:
-        """Submessages under a right header."""
+        """Send submessages under a correct header."""
         session = self.session(peer)
         if session is None:
             return
@@ -84,7 +84,7 @@ class _Play:
             known = session._best_effort_in.get(stream)
             number = 0 if known is None else known.last + 1
         number += 1 if skip else 0
-        self.world.hear(
+        self.world.receive(
             peer, message(session.session_id, stream, number & 0xFFFF, session.key, body)
         )
 
@@ -93,7 +93,7 @@ class _Play:
         if session is None:
             return
         for stream_id, stream in list(session._out.items()):
-            for _ in range(8):  # each may bring more
+            for _ in range(8):  # each one may release more messages
                 if stream.acked == stream.sent:
                     break
                 body = submessage(ids.ACKNACK, built(push_acknack, stream.sent, 0, stream_id))
@@ -103,7 +103,7 @@ class _Play:
         world = self.world
         peer, kind, skip = (op & 3) + 1, op >> 2 & 7, bool(op & SKIP)
         if kind == RAW:
-            world.hear(peer, body)
+            world.receive(peer, body)
         elif kind == RELIABLE:
             self.say(peer, 0x80, body, skip)
         elif kind == BEST_EFFORT:
@@ -130,8 +130,7 @@ class _Play:
 
 
 def one_input(data: bytes) -> None:
-    """See the module. In the first byte, 0x80 makes the agent log all it can, 0x40 sets narrow
-    limits."""
+    """See the module. In the first byte, 0x80 sets the highest log level, 0x40 low limits."""
     options = data[0] if data else 0
     world = World(6 if options & 0x80 else 4, NARROW if options & 0x40 else None)
     play = _Play(world)
@@ -142,35 +141,37 @@ def one_input(data: bytes) -> None:
     world.close()
 
 
-# --- good inputs ----------------------------------------------------------------------
+# --- valid inputs ---------------------------------------------------------------------
 
 
 def captured() -> Iterator[tuple[str, list[records.Record]]]:
-    """The recorded conversations over UDP, the client's side."""
+    """The client's messages of the recorded conversations over UDP."""
     for file in sorted(CAPTURES.glob("*.jsonl")):
         if file.stem.startswith(("serial_", "tcp_")):
             continue
-        said = [json.loads(line) for line in file.read_text().splitlines()]
-        found = [
-            (it["client"] % 4, bytes.fromhex(it["hex"])) for it in said if it["from"] == "client"
+        lines = [json.loads(line) for line in file.read_text().splitlines()]
+        client_messages = [
+            (line["client"] % 4, bytes.fromhex(line["hex"]))
+            for line in lines
+            if line["from"] == "client"
         ]
-        yield file.stem, found[:40]
+        yield file.stem, client_messages[:40]
 
 
-def all_said() -> Iterator[records.Record]:
-    for _, said in captured():
-        yield from said
+def all_messages() -> Iterator[records.Record]:
+    for _, messages in captured():
+        yield from messages
 
 
 def seeds() -> Iterator[tuple[str, bytes]]:
-    for name, said in captured():
-        yield name, b"\0" + records.pack(said)
-    for name, said in made():
-        yield name, b"\0" + records.pack(said)
+    for name, messages in captured():
+        yield name, b"\0" + records.pack(messages)
+    for name, messages in synthetic():
+        yield name, b"\0" + records.pack(messages)
 
 
-def made() -> Iterator[tuple[str, list[records.Record]]]:
-    """What is in no recording, by the helpers of the agent's own tests."""
+def synthetic() -> Iterator[tuple[str, list[records.Record]]]:
+    """Conversations that are in no recording, by the helpers of the agent's tests."""
     from unit.agent import helpers as h
 
     def body(*parts) -> bytes:  # type: ignore[no-untyped-def]
@@ -258,26 +259,29 @@ _bodies: list[bytes] = []
 
 
 class Carried:
-    """Mutates the records of a transport that carries messages. Those of ``kinds``, which are the
-    low three bits of an operation, have one, of the peer in the high bits. Good records to take
-    are ``material`` and ``said``, messages with their peers, each as one of the first kind."""
+    """Mutates the records of a transport that carries messages.
+
+    Records of ``kinds``, the low three bits of the operation, have a message of the peer in the
+    high bits. Valid records to insert are ``material`` and ``messages``, (peer, message), the
+    latter as records of the first kind.
+    """
 
     def __init__(
         self,
         ops: tuple[int, ...],
         kinds: tuple[int, ...],
         material: list[records.Record],
-        said: Callable[[], Iterator[records.Record]],
+        messages: Callable[[], Iterator[records.Record]],
     ) -> None:
         self._ops = ops
         self._kinds = kinds
         self._material = material
-        self._said = said
+        self._messages = messages
         self._bodies: list[bytes] = []
 
     def mutate(self, data: bytes, random: Random, mutate_bytes: records.MutateBytes) -> bytes:
         if not self._bodies:
-            for peer, message in self._said():
+            for peer, message in self._messages():
                 self._bodies.append(message[4:])
                 self._material.append((self._kinds[0] | peer << 4, message))
 
@@ -291,24 +295,24 @@ class Carried:
     def mutate_in_chunks(
         self, data: bytes, random: Random, mutate_bytes: records.MutateBytes
     ) -> bytes:
-        """The same, where the chunks' length stands before the records."""
+        """Mutate an input that has the length of chunks before the records."""
         head = data[:1] if random.random() < 0.9 else bytes((random.randrange(256),))
         return (head or b"\0") + self.mutate(data[1:], random, mutate_bytes)
 
 
 def mutate(data: bytes, random: Random, mutate_bytes: records.MutateBytes) -> bytes:
     if not _material:
-        for _, said in captured():
-            _material.extend(said)
-            # The same without their headers, for any client and in its next message.
-            for op, datagram in said:
+        for _, messages in captured():
+            _material.extend(messages)
+            # Without their headers, for any client, in its next message.
+            for op, datagram in messages:
                 at = 4 if datagram[0] & 0x80 else 8
                 if datagram[1]:
                     _material.append((op | RELIABLE << 2 | POLITE, datagram[at:]))
                 _bodies.append(datagram[at:])
-        for _, said in made():
-            _material.extend(said)
-            _bodies.extend(body for op, body in said if op >> 2 & 7 in (RELIABLE, BARE))
+        for _, messages in synthetic():
+            _material.extend(messages)
+            _bodies.extend(body for op, body in messages if op >> 2 & 7 in (RELIABLE, BARE))
         for peer in range(1, 5):
             _material.append((peer - 1, create_client(key_of(peer), session_id_of(peer))))
         for ms in (1, 10, 200, 1000, 30_000):

@@ -1,9 +1,10 @@
-"""Texts of definitions that a board reads at run time: any text is a type, or refused by
-InterfaceError with the line; the parser of hosts takes the same ones; and messages of the type come
-through CDR as they are, whatever octets claim to be one.
+"""Definitions that a board loads at run time.
 
-The first byte says whether it is a message or a service. Behind it are texts, divided by zeros: the
-definition, those of ``Inner`` and ``Other``, which it may nest, and octets of a sample.
+Any text is a type, or InterfaceError refuses it with the line; the parser of hosts accepts the same
+texts; and messages of the type, decoded from any octets, are the same after encoding and decoding.
+
+The first byte chooses message or service. Texts follow, separated by zeros: the definition, those
+of ``Inner`` and ``Other``, which it may nest, and octets of a sample.
 """
 
 import builtins
@@ -23,12 +24,12 @@ from .world import must
 
 _PLACE = "uros.interfaces."
 _PACKAGES = ("std_msgs", "geometry_msgs", "builtin_interfaces")
-# A message of more values is not made: "uint8[4294967295] x" is a definition like any other.
+# A message of more values is not created: "uint8[4294967295] x" is a valid definition.
 _MOST_VALUES = 3000
 
 
 def _import(name: str, *arguments: Any) -> Any:
-    """No other modules than generated ones: a text may name any module that there is."""
+    """Import generated modules only: a text may name any module."""
     parts = name.removeprefix(_PLACE).split(".")
     if not name.startswith(_PLACE) or parts[0] not in _PACKAGES:
         raise ImportError(name)
@@ -36,7 +37,7 @@ def _import(name: str, *arguments: Any) -> Any:
 
 
 def _load(name: str, text: str, others: dict[str, Any]) -> Any:
-    """What `dynamic` makes of it, or its error."""
+    """The type that `dynamic` loads from a text, or its error."""
     dynamic.__import__ = _import  # type: ignore[attr-defined]
     try:
         return dynamic.load(name, text, others)
@@ -47,7 +48,7 @@ def _load(name: str, text: str, others: dict[str, Any]) -> Any:
 
 
 def _refused(kind: str, text: str) -> "str | None":
-    """Why the parser of hosts refuses it."""
+    """The error of the parser of hosts; None where it accepts the text."""
     try:
         if kind == "msg":
             parse_msg(text, "fuzz_msgs", "Thing")
@@ -59,7 +60,7 @@ def _refused(kind: str, text: str) -> "str | None":
 
 
 def _values(cls: Any) -> int:
-    """How many values a message has that nobody has filled."""
+    """The number of values in a default message."""
     count = 1
     for _, code, array, size, of in getattr(cls, "_plan", ()):
         each = _values(of) if code == MESSAGE else 1
@@ -88,8 +89,8 @@ def _play(cls: Any, octets: bytes) -> None:
                 message = from_cdr(cls, header + body)
             except InterfaceError:
                 continue
-            again = to_cdr(message)
-            must(to_cdr(from_cdr(cls, again)) == again, "a message does not come through")
+            encoded = to_cdr(message)
+            must(to_cdr(from_cdr(cls, encoded)) == encoded, "a message does not come through")
 
 
 def one_input(data: bytes) -> None:
@@ -100,31 +101,31 @@ def one_input(data: bytes) -> None:
         "fuzz_msgs/msg/Inner": texts[1], "fuzz_msgs/msg/Other": texts[2],
     }  # fmt: skip
     name = f"fuzz_msgs/{kind}/Thing"
-    made = _load(name, texts[0], others)
-    if isinstance(made, InterfaceError):
-        said = str(made)
-        must(said.startswith("fuzz_msgs/"), f"the definition is not named: {said[:200]}")
-        place = said.partition(": ")[0].rpartition(":")
+    loaded = _load(name, texts[0], others)
+    if isinstance(loaded, InterfaceError):
+        text = str(loaded)
+        must(text.startswith("fuzz_msgs/"), f"the definition is not named: {text[:200]}")
+        place = text.partition(": ")[0].rpartition(":")
         must(place[2].isdigit() and int(place[2]) <= len(data), "the line is not named")
-        must(len(said) < 5 * len(data) + 300, "a text for people")
-        if place[0] != name or "give load its class" in said or "ring of types" in said:
+        must(len(text) < 5 * len(data) + 300, "a text for people")
+        if place[0] != name or "give load its class" in text or "ring of types" in text:
             return
     text = texts[0]
-    # Boards have a limit of their own for names, and hosts read 1_0 where it is a float.
+    # Boards limit the length of names, and hosts accept 1_0 for a float.
     if (
         text.isascii()
-        and all(it.isprintable() or it in "\n\t" for it in text)
+        and all(char.isprintable() or char in "\n\t" for char in text)
         and not re.search(r"\w{201}|[0-9]_[0-9]", text)
     ):
         why = _refused(kind, text)
-        if isinstance(made, InterfaceError):
-            must(why is not None, f"hosts take it: {made}")
+        if isinstance(loaded, InterfaceError):
+            must(why is not None, f"hosts take it: {loaded}")
         else:
             must(why is None, f"hosts refuse it: {why}")
-    if isinstance(made, InterfaceError):
+    if isinstance(loaded, InterfaceError):
         return
     octets = parts[3]
-    for cls in (made,) if kind == "msg" else (made.Request, made.Response):
+    for cls in (loaded,) if kind == "msg" else (loaded.Request, loaded.Response):
         _play(cls, octets)
 
 
@@ -149,7 +150,9 @@ _ENDS = (b"\0\0\0\0", b"\1\0\0\0", b"\xff\xff\xff\xff", b"\2\0\0\0a\0\0\0", b"\0
 
 
 def _packed(kind: int, *parts: "str | bytes") -> bytes:
-    return bytes((kind,)) + b"\0".join(it if isinstance(it, bytes) else it.encode() for it in parts)
+    return bytes((kind,)) + b"\0".join(
+        part if isinstance(part, bytes) else part.encode() for part in parts
+    )
 
 
 def seeds() -> Iterator[tuple[str, bytes]]:
@@ -170,28 +173,28 @@ def mutate(data: bytes, random: Random, mutate_bytes: MutateBytes) -> bytes:
     if random.random() < 0.05:
         kind ^= 1
     parts = data[1:].split(b"\0", 3)
-    which = random.choice((0, 0, 0, random.randrange(len(parts))))
-    if which == 3:
+    index = random.choice((0, 0, 0, random.randrange(len(parts))))
+    if index == 3:
         octets = parts[3]
         at = random.randrange(len(octets) + 1)
         if random.random() < 0.5:
             octets = octets[:at] + random.choice(_ENDS) + octets[at:]
         parts[3] = mutate_bytes(octets)
         return _packed(kind, *parts)
-    lines = parts[which].split(b"\n")
+    lines = parts[index].split(b"\n")
     at = random.randrange(len(lines))
-    what = random.random()
-    if what < 0.15:
+    draw = random.random()
+    if draw < 0.15:
         lines.insert(at, random.choice(_LINES).encode())
-    elif what < 0.25:
+    elif draw < 0.25:
         del lines[at]
-    elif what < 0.35:
+    elif draw < 0.35:
         lines[at] = random.choice(_LINES).encode()
-    elif what < 0.7:
+    elif draw < 0.7:
         where = random.randrange(len(lines[at]) + 1)
         cut = where + random.choice((0, 0, 1, 3))
         lines[at] = lines[at][:where] + random.choice(_WORDS).encode() + lines[at][cut:]
-    elif what < 0.8:
+    elif draw < 0.8:
         words = lines[at].split(b" ")
         words[random.randrange(len(words))] = random.choice(
             random.choice(_LINES).encode().split(b" ")
@@ -199,5 +202,5 @@ def mutate(data: bytes, random: Random, mutate_bytes: MutateBytes) -> bytes:
         lines[at] = b" ".join(words)
     else:
         lines[at] = mutate_bytes(lines[at])
-    parts[which] = b"\n".join(lines)
+    parts[index] = b"\n".join(lines)
     return _packed(kind, *parts)

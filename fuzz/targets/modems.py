@@ -1,24 +1,24 @@
-"""What a board's transport hears from its modem: an ESP8266 on a UART or a GS2200 on SPI, which
-says anything at any moment, and between that what a real one would.
+"""A board's transport with a modem, an ESP8266 on a UART or a GS2200 on SPI, that sends any bytes
+at any time in addition to those of a real one.
 
-The first byte says which modem (bit 0), its dialect (1), how much the line brings and takes at
-once (2 to 5), and whether the board has a link when all begins (6). Then records, by the
-operation's low three bits:
+The first byte has the modem (bit 0), its dialect (1), how much the line reads and writes at once (2
+to 5), and whether the board has a link at the start (6). The records follow; the low three bits of
+the operation are the kind:
 
 ====  ====================================================================
-0     the modem says these bytes of its own accord
+0     the modem sends these bytes unsolicited
 1     the board sends this datagram
-2     the board asks for a message, for so many milliseconds
-3     the board closes, or opens: bit 3
-4     so much time goes by, in which the board asks again and again
+2     the board receives for so many milliseconds
+3     the board closes its transport; with bit 3 it opens it
+4     the board receives repeatedly for so many milliseconds
 5     a datagram comes from the agent
-6     a fault of the modem begins or ends, or something happens to it
-7     on a UART: what comes next is lost or damaged; on SPI: the bus brings these bytes, and the pin
-      is high as long as there are some
+6     a fault of the modem begins or ends, or an event occurs
+7     on a UART: the next bytes are lost or damaged; on SPI: the bus returns these bytes, and the
+      pin is high while there are any
 ====  ====================================================================
 
-Only OSError may be raised, nothing may wait longer than it says, nothing may grow; and when the
-modem behaves again, the board that opens again after each error has its link.
+Only OSError may be raised, no call may exceed its time limit, and no buffer its size. When the
+modem works again, the board, which opens again after each error, must get its link.
 """
 
 from collections.abc import Iterator
@@ -42,10 +42,10 @@ OPS = tuple(range(0x40))
 SAY, SEND, RECEIVE, OPEN, TIME, COMES, FAULT, LINE = range(8)
 _CHUNKS = (1, 3, 17, 1000)
 _TAKES = (1000, 1, 0, 40)
-# A dialogue with all its time-outs, but for joining, is over by then.
+# A dialogue with all its time-outs, except for joining, ends within this time.
 _MAX_MS = 15_000
-_SLEEP_MS = 8  # who sleeps one, sleeps so many: it saves turns
-_MAX_LOOKS = 4000  # in one call: who looks more often does not come back
+_SLEEP_MS = 8  # the shortest sleep: it saves turns
+_MAX_LOOKS = 4000  # in one call; more would be endless
 _EVENTS = ("reset", "lose_network", "lose_link")
 _FAULTS = {
     "esp8266": ("dead", "deaf", "full", "stuck", "no_ip"),
@@ -59,29 +59,29 @@ class Time(FakeTime):
 
 
 class Looks:
-    """Counts how often a call looks at the line."""
+    """Counts the accesses to the line in one call."""
 
     def __init__(self) -> None:
         self.count = 0
 
-    def one(self) -> None:
+    def count_access(self) -> None:
         self.count += 1
         must(self.count < _MAX_LOOKS, "a call does not come back")
 
 
 class Uart:
-    """Between the transport and the modem; see LINE above."""
+    """The UART between the transport and the modem; see LINE above."""
 
-    def __init__(self, modem: Esp8266, time: FakeTime, looks: Looks, how: int) -> None:
+    def __init__(self, modem: Esp8266, time: FakeTime, looks: Looks, options: int) -> None:
         self.modem = modem
         self.time = time
         self.looks = looks
-        self.chunk = _CHUNKS[how >> 2 & 3]
-        self.takes = _TAKES[how >> 4 & 3]
+        self.chunk = _CHUNKS[options >> 2 & 3]
+        self.takes = _TAKES[options >> 4 & 3]
         self.damage = b""
 
     def read(self, size: int) -> "bytes | None":
-        self.looks.one()
+        self.looks.count_access()
         data = self.modem.read(min(size, self.chunk))
         if not data or not self.damage:
             return data
@@ -90,7 +90,7 @@ class Uart:
         return bytes(a ^ b for a, b in zip(data, hurt, strict=True) if b != 0xFF) or None
 
     def write(self, data: memoryview) -> "int | None":
-        self.looks.one()
+        self.looks.count_access()
         taken = bytes(data[: self.takes])
         return self.modem.write(taken) if taken else None
 
@@ -101,7 +101,7 @@ class Uart:
 
 
 class Spi:
-    """The same for a bus and the pin."""
+    """The SPI bus and the pin between the transport and the modem."""
 
     def __init__(self, modem: Gs2200, looks: Looks) -> None:
         self.modem = modem
@@ -109,15 +109,15 @@ class Spi:
         self.brings = b""
 
     def value(self, level: "int | None" = None) -> int:
-        self.looks.one()
+        self.looks.count_access()
         return 1 if self.brings else self.modem.value()
 
     def write(self, data: bytes) -> None:
-        self.looks.one()
+        self.looks.count_access()
         self.modem.write(data)
 
     def readinto(self, into: bytearray, write: int = 0) -> None:
-        self.looks.one()
+        self.looks.count_access()
         self.modem.readinto(into, write)
         some = self.brings[: len(into)]
         self.brings = self.brings[len(into) :]
@@ -125,7 +125,7 @@ class Spi:
 
 
 class Play:
-    def __init__(self, time: FakeTime, how: int) -> None:
+    def __init__(self, time: FakeTime, options: int) -> None:
         self.time = time
         self.looks = Looks()
         self.network = RadioNetwork({NETWORK: PASSWORD}, (AGENT,))
@@ -134,25 +134,25 @@ class Play:
         self.line: Uart | Spi
         self.modem: Esp8266 | Gs2200
         self.transport: ModemTransport
-        if how & 1:
+        if options & 1:
             self.faults = _FAULTS["gs2200"]
-            self.modem = Gs2200(self.network, time.ticks_ms, sender=bool(how & 2))
+            self.modem = Gs2200(self.network, time.ticks_ms, sender=bool(options & 2))
             self.line = Spi(self.modem, self.looks)
             self.transport = Gs2200Transport(
                 self.line, self.line, NETWORK, PASSWORD, AGENT, mtu=MTU, room=300
             )
         else:
             self.faults = _FAULTS["esp8266"]
-            self.modem = Esp8266(self.network, time.ticks_ms, "nonos" if how & 2 else "esp-at")
-            self.line = Uart(self.modem, time, self.looks, how)
+            self.modem = Esp8266(self.network, time.ticks_ms, "nonos" if options & 2 else "esp-at")
+            self.line = Uart(self.modem, time, self.looks, options)
             self.transport = Esp8266Transport(
                 self.line, NETWORK, PASSWORD, AGENT, mtu=MTU, room=300
             )
 
-    # --- what the board does ------------------------------------------------------------------
+    # --- the board's calls --------------------------------------------------------------------
 
     def receive(self, ms: int) -> "bytes | None":
-        """A message; raises OSError, and then the transport is closed."""
+        """Receive a message. Raises OSError, after which the transport must be closed."""
         self.looks.count = 0
         began = self.time.now
         try:
@@ -207,13 +207,16 @@ class Play:
             self.left_ms -= self.time.now - before
 
     def check(self) -> None:
-        one = self.transport
-        must(len(one._answers) <= 8, "answers are kept")
-        must(one._length <= len(one._line) == 96 and len(one._info) <= 96, "a line grows")
-        must(len(one._messages) < 200, "messages are kept")
-        must(0 <= one._left <= 9999, "a length that cannot be")
-        must(0 <= one._to <= len(one._out) == 300, "the queue grows")
-        must(len(one._in) == MTU, "the buffer of what comes grows")
+        transport = self.transport
+        must(len(transport._answers) <= 8, "answers are kept")
+        must(
+            transport._length <= len(transport._line) == 96 and len(transport._info) <= 96,
+            "a line grows",
+        )
+        must(len(transport._messages) < 200, "messages are kept")
+        must(0 <= transport._left <= 9999, "a length that cannot be")
+        must(0 <= transport._to <= len(transport._out) == 300, "the queue grows")
+        must(len(transport._in) == MTU, "the buffer of what comes grows")
 
     # --- the records --------------------------------------------------------------------------
 
@@ -240,11 +243,11 @@ class Play:
             if self.network.links:
                 self.network.links[-1].incoming.append(body[:1400] or b"\0")
         elif kind == FAULT:
-            which = op >> 3
-            if which < len(self.faults):
-                self.modem.faults ^= {self.faults[which]}
-            elif hasattr(self.modem, _EVENTS[which % 3]):
-                getattr(self.modem, _EVENTS[which % 3])()
+            fault = op >> 3
+            if fault < len(self.faults):
+                self.modem.faults ^= {self.faults[fault]}
+            elif hasattr(self.modem, _EVENTS[fault % 3]):
+                getattr(self.modem, _EVENTS[fault % 3])()
         elif isinstance(self.line, Uart):
             self.line.damage = body
         else:
@@ -253,7 +256,7 @@ class Play:
     # --- the end ------------------------------------------------------------------------------
 
     def behaves(self) -> None:
-        """From now on the modem is as it should be."""
+        """Remove all faults of modem and line."""
         self.modem.faults.clear()
         if isinstance(self.line, Uart):
             self.line.damage = b""
@@ -262,21 +265,21 @@ class Play:
             self.line.brings = b""
 
     def healed(self) -> None:
-        """Opened again after each error, as a node does, it works."""
+        """Open again after each error, as a node does, until messages pass in both directions."""
         self.open()
         for _ in range(8):
             end = self.time.now + 30_000
-            asked = 0
-            got = False
+            next_send = 0
+            answered = False
             try:
                 while self.time.now < end:
                     links = self.network.links
-                    if self.transport.linked and self.time.now >= asked:
-                        asked = self.time.now + 2000
+                    if self.transport.linked and self.time.now >= next_send:
+                        next_send = self.time.now + 2000
                         self.send(b"the question")
                         links[-1].incoming.append(b"the answer")
-                    got = self.receive(20) == b"the answer" or got
-                    if got and links and b"the question" in links[-1].sent:
+                    answered = self.receive(20) == b"the answer" or answered
+                    if answered and links and b"the question" in links[-1].sent:
                         return
                     self.time.now += 1
             except OSError:
@@ -287,11 +290,11 @@ class Play:
 
 
 def one_input(data: bytes) -> None:
-    how = data[0] if data else 0
+    options = data[0] if data else 0
     with Time() as time:
-        play = Play(time, how)
+        play = Play(time, options)
         play.open()
-        if how & 0x40:
+        if options & 0x40:
             play.step(3000)
         for op, body in records.unpack(data[1:]):
             play.do(op, body)
@@ -327,12 +330,12 @@ def seeds() -> Iterator[tuple[str, bytes]]:
         return number.to_bytes(2, "little")
 
     common = [(SEND, b"one"), (COMES, b"two"), (RECEIVE, ms(50)), (TIME, ms(500))]
-    for how, name in ((0x40, "esp"), (0x42, "nonos"), (0x41, "gs"), (0x43, "sender")):
-        kind = how & 1
-        yield f"{name}_talks", bytes((how,)) + records.pack(common * 3)
+    for options, name in ((0x40, "esp"), (0x42, "nonos"), (0x41, "gs"), (0x43, "sender")):
+        kind = options & 1
+        yield f"{name}_talks", bytes((options,)) + records.pack(common * 3)
         yield (
             f"{name}_opens",
-            bytes((how,))
+            bytes((options,))
             + records.pack(
                 [(OPEN, b""), (OPEN | 8, b""), *common, (OPEN | 8, b""), (TIME, ms(3000)), *common]
             ),
@@ -340,32 +343,38 @@ def seeds() -> Iterator[tuple[str, bytes]]:
         faults = [(FAULT | number << 3, b"") for number in range(8)]
         yield (
             f"{name}_faults",
-            bytes((how,))
+            bytes((options,))
             + records.pack(
-                [it for fault in faults for it in (fault, (SEND, b"x"), (TIME, ms(2000)), fault)]
+                [
+                    step
+                    for fault in faults
+                    for step in (fault, (SEND, b"x"), (TIME, ms(2000)), fault)
+                ]
             ),
         )
-        said = [(SAY, word) for word in _WORDS[kind]]
+        steps = [(SAY, word) for word in _WORDS[kind]]
         yield (
             f"{name}_says",
-            bytes((how,))
-            + records.pack([it for word in said for it in (word, (SEND, b"x"), (RECEIVE, ms(20)))]),
+            bytes((options,))
+            + records.pack(
+                [step for word in steps for step in (word, (SEND, b"x"), (RECEIVE, ms(20)))]
+            ),
         )
     yield "esp_small", b"\x50" + records.pack([*common, (LINE, b"\0\0\x01\xff\0\x80"), *common])
     yield (
         "gs_bus",
         b"\x41"
         + records.pack(
-            [it for raw in _HEADERS for it in ((LINE, raw), (SEND, b"x"), (TIME, ms(100)))]
+            [step for raw in _HEADERS for step in ((LINE, raw), (SEND, b"x"), (TIME, ms(100)))]
         ),
     )
-    # A modem by script: it says what it likes, whatever it is asked.
-    script = [it for _ in range(12) for it in ((SAY, b"\r\nOK\r\n"), (TIME, ms(40)))]
+    # A scripted modem, whose answers do not depend on the requests.
+    script = [step for _ in range(12) for step in ((SAY, b"\r\nOK\r\n"), (TIME, ms(40)))]
     yield "esp_script", b"\0" + records.pack([(FAULT, b""), (FAULT | 8, b""), *script])
-    for how, name in ((0x40, "esp"), (0x41, "gs")):
+    for options, name in ((0x40, "esp"), (0x41, "gs")):
         yield (
             f"{name}_floods",
-            bytes((how,))
+            bytes((options,))
             + records.pack(
                 [(SAY, b"\r\nOK\r\n" * 40), (RECEIVE, ms(1)), (SAY, b"x" * 400), (TIME, ms(500))]
             ),
@@ -407,8 +416,8 @@ def mutate(data: bytes, random: Random, mutate_bytes: records.MutateBytes) -> by
     ]
 
     def change(op: int, body: bytes) -> bytes:
-        what = random.random()
-        if op & 7 in (SAY, LINE) and what < 0.6:
+        draw = random.random()
+        if op & 7 in (SAY, LINE) and draw < 0.6:
             at = random.randrange(len(body) + 1)
             word = random.choice(_HEADERS) if op & 7 == LINE else _words(random, kind)
             return body[:at] + word + body[at + random.choice((0, 0, 1, 4)) :]

@@ -1,6 +1,6 @@
 """Recordings that ``uros trace`` and ``uros replay`` read: pcapng and JSON lines, of any bytes.
 
-Whatever a message in one is, it is described in one line that no terminal takes for anything else.
+Every message in a recording is described in one line of printable characters.
 """
 
 import json
@@ -18,7 +18,7 @@ from .datagrams import CAPTURES, captured
 from .world import BARE_PING, Place, must
 from .xml import scratch
 
-_MESSAGE = 1  # in the first byte: no file, but one message
+_MESSAGE = 1  # in the first byte: the input is one message, not a file
 
 
 def _described(message: bytes) -> None:
@@ -34,36 +34,43 @@ def one_input(data: bytes) -> None:
     data = data[1:]
     path = scratch()
     path.write_bytes(data)
-    whole = []
-    trouble = ""
+    all_records = []
+    error_text = ""
     try:
-        for it in read(path):
-            whole.append(it)
+        for record in read(path):
+            all_records.append(record)
     except RecordingError as error:
-        trouble = str(error)
-        must(str(path) in trouble, f"the file is not named: {trouble[:200]}")
-        must(len(trouble) < 2000, "a text for people")
-    for it in whole[:200]:
-        must(isinstance(it.message, bytes) and 0 <= it.key < 1 << 32, f"a record: {it!r:.200}")
-        _described(it.message)
-    # In pieces, as from a file that is written meanwhile, it is the same.
-    if trouble or not data:
+        error_text = str(error)
+        must(str(path) in error_text, f"the file is not named: {error_text[:200]}")
+        must(len(error_text) < 2000, "a text for people")
+    for record in all_records[:200]:
+        must(
+            isinstance(record.message, bytes) and 0 <= record.key < 1 << 32,
+            f"a record: {record!r:.200}",
+        )
+        _described(record.message)
+    # Parsing in pieces, as from a file that is being written, gives the same records.
+    if error_text or not data:
         return
     try:
         parser = parser_for(data, str(path))
-        pieces = [it for at in range(0, len(data), 7) for it in parser.feed(data[at : at + 7])]
+        pieces = [
+            record for at in range(0, len(data), 7) for record in parser.feed(data[at : at + 7])
+        ]
     except RecordingError as error:
         must(False, f"in pieces it is broken: {error}")
-    must(pieces == whole, "in pieces it is another one")
+    must(pieces == all_records, "in pieces it is another one")
 
 
 def _pcapng() -> bytes:
-    """A capture as the agent writes it."""
+    """A capture in the form that the agent writes."""
     packets, place = PcapngEncoder(), Place()
-    said = (("client", BARE_PING), ("agent", BARE_PING), ("client", bytes(70_000)))
+    messages = (("client", BARE_PING), ("agent", BARE_PING), ("client", bytes(70_000)))
     return b"".join(
-        packets.encode(MessageEvent(place, 1, who, message[:900], 1_700_000_000_000_000, 7), lost)
-        for lost, (who, message) in enumerate(said)
+        packets.encode(
+            MessageEvent(place, 1, sender, message[:900], 1_700_000_000_000_000, 7), lost
+        )
+        for lost, (sender, message) in enumerate(messages)
     )
 
 
@@ -72,9 +79,9 @@ def seeds() -> Iterator[tuple[str, bytes]]:
     for name in ("ping", "serial_ping", "tcp_publish", "service"):
         lines = (CAPTURES / f"{name}.jsonl").read_bytes().splitlines(True)
         yield name, b"\0" + b"".join(lines[:8])
-    for name, said in captured():
+    for name, messages in captured():
         if name in ("binary_entities", "rclc_trigger", "publish_reliable"):
-            for number, (_, message) in enumerate(said[:6]):
+            for number, (_, message) in enumerate(messages[:6]):
                 yield f"message_{name}_{number}", bytes((_MESSAGE,)) + message
 
 
@@ -87,21 +94,21 @@ _bodies: list[bytes] = []
 
 def mutate(data: bytes, random: Random, mutate_bytes: records.MutateBytes) -> bytes:
     if not _bodies:
-        _bodies.extend(message[4:] for _, said in captured() for _, message in said)
+        _bodies.extend(message[4:] for _, messages in captured() for _, message in messages)
     head, body = data[:1] or b"\0", data[1:]
     if head == bytes((_MESSAGE,)):
         return head + body[:4] + submessages.change(body[4:], random, mutate_bytes, _bodies)
-    what = random.random()
-    if what < 0.4:
+    draw = random.random()
+    if draw < 0.4:
         return head + mutate_bytes(body)
-    if what < 0.7:
+    if draw < 0.7:
         at = random.randrange(len(body) + 1)
         return head + body[:at] + random.choice(_WORDS) + body[at:]
     lines = body.split(b"\n")
     at = random.randrange(len(lines))
-    if what < 0.8:
+    if draw < 0.8:
         del lines[at]
-    elif what < 0.9:
+    elif draw < 0.9:
         lines.insert(at, random.choice(lines))
     else:
         message = b"\x81\x80\0\0" + random.choice(_bodies)

@@ -1,4 +1,4 @@
-"""Inputs that are lists of records: an operation of one byte, a length of two, and bytes."""
+"""Inputs that are lists of records: one byte of operation, two of length, and the body."""
 
 from collections.abc import Callable, Iterator
 from random import Random
@@ -10,7 +10,7 @@ MAX_RECORDS = 64
 
 
 def unpack(data: bytes) -> Iterator[Record]:
-    """The records of any bytes; the last may be cut short."""
+    """The records in any bytes; the last one may be incomplete."""
     at = 0
     for _ in range(MAX_RECORDS):
         if at + 3 > len(data):
@@ -34,29 +34,29 @@ def mutate(
     material: list[Record],
     change: Callable[[int, bytes], bytes],
 ) -> bytes:
-    """Another list of records: one more, one less, one changed, two swapped.
+    """A mutation of a list of records: one inserted, deleted or changed, or two swapped.
 
-    ``material`` are good records to take, ``ops`` all operations, ``change`` changes the bytes
-    of a record with that operation.
+    ``material`` has valid records to insert, ``ops`` all operations; ``change`` mutates the body of
+    a record with an operation.
     """
     records = list(unpack(data))
     for _ in range(random.choice((1, 1, 1, 2, 4))):
         at = random.randrange(len(records) + 1)
-        what = random.random()
-        if not records or what < 0.3:
+        draw = random.random()
+        if not records or draw < 0.3:
             records[at:at] = [random.choice(material)]
             continue
         at = min(at, len(records) - 1)
         op, body = records[at]
-        if what < 0.75:
+        if draw < 0.75:
             records[at] = op, change(op, body)
-        elif what < 0.82:
+        elif draw < 0.82:
             records[at] = random.choice(ops), body
-        elif what < 0.9:
+        elif draw < 0.9:
             del records[at]
-        elif what < 0.95:
+        elif draw < 0.95:
             records.insert(random.randrange(len(records) + 1), (op, body))
         else:
-            other = random.randrange(len(records))
-            records[at], records[other] = records[other], records[at]
+            second = random.randrange(len(records))
+            records[at], records[second] = records[second], records[at]
     return pack(records[:MAX_RECORDS])

@@ -1,20 +1,20 @@
-"""A serial line at the agent's end: frames of several boards, noise and a board's printf between
-them, in chunks of any size; and a line that takes only some of what is sent.
+"""The agent's end of a serial line: frames of several boards, with noise and a board's printf
+between them, in chunks of any size, and a line that accepts only part of the output.
 
-Records; the operation's low bits say what the bytes are:
+The input is records; the low bits of the operation are the kind:
 
 ====  ====================================================================
-0     bytes of the line as they are
-1     a message, put into a frame from board ``1 + (op >> 4)``
-2     the same, and one byte of the frame is wrong or missing: the first byte says which
-3     text of a program, with the line's end
-4     how many bytes the line takes at once from now on; 0: none
+0     bytes of the line, unchanged
+1     a message, in a frame from board ``1 + (op >> 4)``
+2     the same with one byte of the frame wrong or missing: the first byte is its position
+3     text of a program, with a line end
+4     the number of bytes that the line accepts at once from now on; 0: none
 5     a time, in milliseconds
-6     the line is gone, and comes back
-7     a message for somebody else than the agent
+6     the line disappears and comes back
+7     a message for another address than the agent's
 ====  ====================================================================
 
-The bytes arrive in chunks whose length the first byte of the input says.
+The bytes arrive in chunks; the first byte of the input is their length, less 1.
 """
 
 from collections.abc import Iterator
@@ -34,7 +34,7 @@ def framed(message: bytes, source: int, destination: int = 0) -> bytes:
 
 
 class Stream:
-    """An open device: what it reads is given, what it is sent it keeps."""
+    """An open device: reads return ``given``, writes append to ``taken``."""
 
     def __init__(self) -> None:
         self.given: list[bytes] = []
@@ -82,11 +82,11 @@ class Server(LineServer):
 
 
 def answered(taken: bytes, address: int) -> bool:
-    """Whether there is an INFO for a board in what the agent has sent."""
+    """Whether the output of the agent has an INFO for a board."""
     board = Deframer(address)
     messages = board.feed(taken)
     must(not board.crc_errors, "the agent sends frames with a wrong CRC")
-    return any(len(it) > 8 and it[4] == 6 for it in messages)
+    return any(len(message) > 8 and message[4] == 6 for message in messages)
 
 
 def one_input(data: bytes) -> None:
@@ -96,11 +96,11 @@ def one_input(data: bytes) -> None:
     line = place.line
     chunk = 1 + data[0] if data else 1
     whole = bytearray()
-    got: list[bytes] = []
+    received: list[bytes] = []
     deliver = place.deliver
 
     def delivered(host, peer, buf, view, length, now) -> None:  # type: ignore[no-untyped-def]
-        got.append(bytes(view[:length]))
+        received.append(bytes(view[:length]))
         deliver(host, peer, buf, view, length, now)
 
     place.deliver = delivered  # type: ignore[method-assign]
@@ -142,7 +142,7 @@ def one_input(data: bytes) -> None:
             world.step(1000)
             must(len(place.streams) > 1 and line.stream is place.streams[-1], "it stays away")
             whole.clear()
-            got.clear()
+            received.clear()
         else:
             arrive(framed(body, 1, 1 + (op >> 4)), chunk)
         world.witness()
@@ -150,11 +150,11 @@ def one_input(data: bytes) -> None:
         must(len(line._deframer._octets) <= 0xFFFF + 6, "more than one frame is held")
         must(len(line.unsent) <= MAX_UNSENT + frame_size(bytes(0xFFFF)), "unsent bytes")
 
-    # However it was cut into chunks, the same messages are in it.
+    # The chunks do not change the messages.
     again = Deframer(0)
-    must(again.feed(bytes(whole)) == got, "chunks change what is found")
+    must(again.feed(bytes(whole)) == received, "chunks change what is found")
     must(again._octets == line._deframer._octets, "chunks change what is held")
-    # Whatever came before, the next sound frame is found, and answered.
+    # After any input, the next valid frame is found and answered.
     stream = place.streams[-1]
     stream.takes = 1 << 20
     line._push()
@@ -172,13 +172,13 @@ def one_input(data: bytes) -> None:
 
 def seeds() -> Iterator[tuple[str, bytes]]:
     noise = (3, b"boot: ESP-ROM v0.1 ~~~~}}")
-    for name, said in datagrams.captured():
+    for name, messages in datagrams.captured():
         if name in ("ping", "publish_reliable", "service", "rclc_int32_subscriber"):
-            found: list[records.Record] = [noise]
-            for peer, message in said:
-                found.append((1 | peer << 4, message))
-            found += [(2, b"\x09" + said[0][1]), (5, b"\xff\x04"), (7, said[0][1])]
-            yield name, b"\x13" + records.pack(found)
+            steps: list[records.Record] = [noise]
+            for peer, message in messages:
+                steps.append((1 | peer << 4, message))
+            steps += [(2, b"\x09" + messages[0][1]), (5, b"\xff\x04"), (7, messages[0][1])]
+            yield name, b"\x13" + records.pack(steps)
     yield (
         "slow",
         b"\xff"
@@ -202,6 +202,6 @@ _carried = datagrams.Carried(
         (0, b"\x7e\x01\x00\xff\xff"),
         (0, b"\x7d"),
     ],
-    datagrams.all_said,
+    datagrams.all_messages,
 )
 mutate = _carried.mutate_in_chunks

@@ -1,19 +1,19 @@
-"""The file of ``--state``: an agent that starts with any file at all restores what is sound, says
-what is not, and serves.
+"""The file of ``--state``: an agent that starts with any file restores the valid part, reports the
+damaged part, and serves.
 
-The first byte says how much of the file is right: 0x01 a file of any bytes, which follow. Else the
-bytes are records that a file is made of; the low bits of the operation say what they are:
+With 0x01 in the first byte, the rest of the input is the file. Else the input is records of which
+the file is composed; the operation is the kind:
 
 ====  ====================================================================
-0     a record of the journal: its number, and its payload
-1     the same, of the client before, with the next number
-2     bytes of the journal as they are
-3     a slot: streams, behind its head; it counts the records before it
-4     a slot as it is, sealed
-5     the first line of the file, after its version
+0     a record of the journal: its number and its payload
+1     a record of the journal with the next number: its payload
+2     bytes of the journal, unchanged
+3     a slot: streams after its head, for the records before it
+4     a slot, unchanged but sealed
+5     the first line of the file after its version
 ====  ====================================================================
 
-0x02: the machine was not switched off meanwhile, so the file is to be trusted.
+With 0x02 the boot id is that of the machine, so the agent may trust the file.
 """
 
 import json
@@ -61,7 +61,7 @@ def _head(line: bytes) -> bytes:
 
 
 def compose(data: bytes) -> dict[int, bytes]:
-    """What stands where in the file."""
+    """The parts of the file by their offsets."""
     options = data[0] if data else 0
     if options & 1:
         return {0: data[1:]}
@@ -134,7 +134,7 @@ def _start(path: str) -> None:
         _go_on(world)
     finally:
         store.close()
-    # What it has written is sound, and says the same.
+    # The file that it has written is valid.
     again = open_journal(path)
     content = again.read()
     must(not content.damaged, f"its own file is damaged: {content.damaged}")
@@ -146,34 +146,34 @@ def _start(path: str) -> None:
         ClientRecords.parse(slot, by_serial.get(serial, {}))
     again.close(True)
     if WITNESS_KEY not in world.agent.clients:
-        world.tampered = True  # the file had its own idea of who that is
+        world.tampered = True  # the file has another client with this key
     world.close()
 
 
 def _go_on(world: World) -> None:
-    """Restored clients talk and are talked to; time passes."""
+    """Restored clients publish and receive; time advances."""
     world.settle()
     world.witness()
     world.check()
-    for session in [it.session for it in list(world.agent.clients.values())]:
+    for session in [client.session for client in list(world.agent.clients.values())]:
         place = world.agent._places.get(session.key)
         if place is None or session.key == WITNESS_KEY:
             continue
         number = (session.last_received(0x80) + 1) & 0xFFFF
         write = submessage(ids.WRITE_DATA, b"\0\1\0\x15\7\0\0\0")
-        world.hear(place[1], message(session.session_id, 0x80, number, session.key, write))
+        world.receive(place[1], message(session.session_id, 0x80, number, session.key, write))
     world.publish(0, b"\5\0\0\0")
     world.step(1500)
     world.check()
 
 
-# --- good inputs ----------------------------------------------------------------------
+# --- valid inputs ---------------------------------------------------------------------
 
 
-def _kept(number: int) -> ClientRecords:
-    """A client with a writer and a reader, in the middle of things."""
-    about = ClientInfo(key_of(number), 0x81, 512, "FuzzAgent ", number, [("uxr_hl", "500")])
-    kept = ClientRecords(about)
+def _client_records(number: int) -> ClientRecords:
+    """Records of a client with a datawriter and a datareader, with messages in flight."""
+    info = ClientInfo(key_of(number), 0x81, 512, "FuzzAgent ", number, [("uxr_hl", "500")])
+    client_records = ClientRecords(info)
     for object_id, kind, content, parent in (
         (0x011, 1, built(entities.push_binary_participant, "kept", None), 0),
         (0x012, 2, built(entities.push_binary_topic, "rt/chatter", "T"), 0x011),
@@ -181,31 +181,34 @@ def _kept(number: int) -> ClientRecords:
         (0x014, 4, built(entities.push_binary_group, None, None), 0x011),
         (0x015, 5, built(entities.push_binary_endpoint, 0x012, ids.QOS_RELIABLE, 5), 0x013),
     ):
-        kept.objects[object_id] = ids.IN_BINARY, content, kind, parent, True
-    kept.matched[0x015] = 1
-    kept.latched[0x015] = b"\0\1\0\0\1\0\0\0"
-    kept.reads[0x016] = 7, 0x80, (5, 10, 100, 0)
-    kept.best_effort[1] = 5
-    kept.outgoing[0x80] = Outgoing(3, 4, 5, {3: b"\x81\x80\3\0", 4: b"\x81\x80\4\0"})
-    kept.incoming[0x80] = Incoming(9, bytearray(b"half a message"), False)
-    return kept
+        client_records.objects[object_id] = ids.IN_BINARY, content, kind, parent, True
+    client_records.matched[0x015] = 1
+    client_records.latched[0x015] = b"\0\1\0\0\1\0\0\0"
+    client_records.reads[0x016] = 7, 0x80, (5, 10, 100, 0)
+    client_records.best_effort[1] = 5
+    client_records.outgoing[0x80] = Outgoing(3, 4, 5, {3: b"\x81\x80\3\0", 4: b"\x81\x80\4\0"})
+    client_records.incoming[0x80] = Incoming(9, bytearray(b"half a message"), False)
+    return client_records
 
 
-def _said(kept: ClientRecords) -> list[records.Record]:
-    slot, journal, _ = kept.encode(1)
+def _records(client_records: ClientRecords) -> list[records.Record]:
+    slot, journal, _ = client_records.encode(1)
     from uros.agent.persistence.journal import records_in
 
-    found: list[records.Record] = [(1, payload) for _, _, payload in records_in(bytes(journal))]
-    return [*found, (3, bytes(slot[SLOT_HEAD.size :]))]
+    steps: list[records.Record] = [(1, payload) for _, _, payload in records_in(bytes(journal))]
+    return [*steps, (3, bytes(slot[SLOT_HEAD.size :]))]
 
 
 def seeds() -> Iterator[tuple[str, bytes]]:
     bare = ClientRecords(ClientInfo(key_of(2), 0x81, 256, "FuzzAgent ", 2))
     where = "SerialAgent /dev/ttyUSB0"
     asleep = ClientRecords(ClientInfo(key_of(3), 0x81, 256, where, 1, [], time.time()))
-    yield "one", b"\x06" + records.pack(_said(_kept(1)))
-    yield "several", b"\x02" + records.pack([*_said(_kept(1)), *_said(bare), *_said(asleep)])
-    yield "old", b"\0" + records.pack(_said(bare))
+    yield "one", b"\x06" + records.pack(_records(_client_records(1)))
+    yield (
+        "several",
+        b"\x02" + records.pack([*_records(_client_records(1)), *_records(bare), *_records(asleep)]),
+    )
+    yield "old", b"\0" + records.pack(_records(bare))
     yield "bytes", b"\x01uros state 1\n{}\n00000000\n"
     yield "other", b"\x01\x7fELF"
 
@@ -216,19 +219,19 @@ _material: list[records.Record] = []
 def mutate(data: bytes, random: Random, mutate_bytes: records.MutateBytes) -> bytes:
     if not _material:
         for number in (1, 2):
-            _material.extend(_said(_kept(number)))
+            _material.extend(_records(_client_records(number)))
         _material.extend([(1, b"Z"), (1, keeping.id_payload(b"D", 0x015)), (2, b"\xf5uR1")])
         _material.append((1, keeping.number_payload(b"N", 0x80, 7)))
         _material.append((5, b'{"clean": true}'))
-        for _, said in captured():
-            for op, datagram in said:
+        for _, messages in captured():
+            for op, datagram in messages:
                 if datagram[1] >= 0x80 and op >> 2 in (0, RELIABLE):
                     _material.append((1, keeping.number_payload(b"T", 0x80, 1, datagram)))
                     break
 
     def change(op: int, body: bytes) -> bytes:
         if op % 6 in (0, 1) and b"{" in body[:2] and random.random() < 0.6:
-            # JSON stays JSON: one of its values is another.
+            # The record stays JSON, with one other value.
             at = random.randrange(len(body))
             word = random.choice((b"0", b"-1", b"null", b"[]", b"1e9", b'"x"', b"true", b"9" * 20))
             return body[:at] + word + body[at + 1 :]

@@ -1,4 +1,4 @@
-"""Submessages that keep their lengths right however their bytes are changed."""
+"""Mutations of submessages that keep their lengths correct."""
 
 from random import Random
 
@@ -11,7 +11,7 @@ KINDS = tuple(range(ids.TIMESTAMP_REPLY + 2))
 
 
 def unpack(body: bytes) -> list[tuple[int, int, bytes]]:
-    """(kind, flags, payload) of what can be found in any bytes."""
+    """(kind, flags, payload) of the submessages in any bytes."""
     out = []
     at = 0
     while at + 4 <= len(body):
@@ -26,32 +26,32 @@ def pack(parts: list[tuple[int, int, bytes]]) -> bytes:
 
 
 def change(body: bytes, random: Random, mutate_bytes: MutateBytes, material: list[bytes]) -> bytes:
-    """Another body of a message; most of the time its lengths are right."""
+    """A mutation of a message's body, mostly with correct lengths."""
     if random.random() < 0.1:
         return mutate_bytes(body)
     parts = unpack(body)
-    what = random.random()
-    if not parts or what < 0.25:
+    draw = random.random()
+    if not parts or draw < 0.25:
         parts[random.randrange(len(parts) + 1) :] = unpack(random.choice(material))
         return pack(parts)
     at = random.randrange(len(parts))
     kind, flags, payload = parts[at]
-    if what < 0.6:
+    if draw < 0.6:
         parts[at] = kind, flags, mutate_bytes(payload)
-    elif what < 0.7:
+    elif draw < 0.7:
         # Object ids, streams and counters are small numbers in the first bytes.
         edited = bytearray(payload)
         if edited:
             where = random.randrange(min(len(edited), 12))
             edited[where] = random.choice((0, 1, 2, 0x10, 0x11, 0x7F, 0x80, 0x81, 0xFF))
         parts[at] = kind, flags, bytes(edited)
-    elif what < 0.78:
+    elif draw < 0.78:
         parts[at] = kind, random.choice((0, 1, 2, 3, 5, 7, 9, 0x0F, 0xFF)), payload
-    elif what < 0.84:
+    elif draw < 0.84:
         parts[at] = random.choice(KINDS), flags, payload
-    elif what < 0.9:
+    elif draw < 0.9:
         parts[at] = kind, flags, payload[: random.randrange(len(payload) + 1)]
-    elif what < 0.95:
+    elif draw < 0.95:
         parts.insert(random.randrange(len(parts) + 1), parts[at])
     else:
         del parts[at]

@@ -1,12 +1,12 @@
 """The agent's end of TCP connections: lengths and messages in chunks of any size, clients that
 do not read, and connections that break at any place.
 
-Records; the connection is ``op >> 4 & 3``, and the low bits say what the bytes are:
+The input is records; the connection is ``op >> 4 & 3``, and the low bits are the kind:
 
 ====  ====================================================================
-0     bytes as they are
+0     bytes, unchanged
 1     a message, with its length before it
-2     how many bytes the socket takes at once from now on; 0: none
+2     the number of bytes that the socket accepts at once from now on; 0: none
 3     the connection ends; the next record opens another
 4     the connection is reset while the agent writes
 5     a time, in milliseconds
@@ -114,11 +114,11 @@ def one_input(data: bytes) -> None:
     server = tcp.TcpServer(0)
     server._host = world  # type: ignore[assignment]
     server._socket = _Listener()  # type: ignore[assignment]
-    got: dict[object, list[bytes]] = {}
+    received: dict[object, list[bytes]] = {}
     deliver = server.deliver
 
     def delivered(host, peer, buf, view, length, now) -> None:  # type: ignore[no-untyped-def]
-        got.setdefault(peer, []).append(bytes(view[:length]))
+        received.setdefault(peer, []).append(bytes(view[:length]))
         deliver(host, peer, buf, view, length, now)
 
     server.deliver = delivered  # type: ignore[method-assign]
@@ -150,34 +150,34 @@ def one_input(data: bytes) -> None:
             world.step(int.from_bytes(body[:2], "little") % 3000)
         world.witness()
         world.check()
-        for it in ends.values():
-            must(it.open != it.sock.closed, "a connection without its socket, or the reverse")
-            must(len(it.connection.deframer._buf) <= 0xFFFF + 2, "more than one message is held")
-            must(len(it.connection.unsent) <= tcp.MAX_UNSENT + 2, "unsent bytes")
+        for end in ends.values():
+            must(end.open != end.sock.closed, "a connection without its socket, or the reverse")
+            must(len(end.connection.deframer._buf) <= 0xFFFF + 2, "more than one message is held")
+            must(len(end.connection.unsent) <= tcp.MAX_UNSENT + 2, "unsent bytes")
         for peer in server.sessions:
             must(peer in server._connections, "a session without its connection")
-    for it in ends.values():
-        if it.open:
-            again = LengthDeframer().feed(bytes(it.whole))
-            must(again == got.get(it.connection, []), "chunks change what is found")
-    # The next connection is served whatever became of the others.
+    for end in ends.values():
+        if end.open:
+            again = LengthDeframer().feed(bytes(end.whole))
+            must(again == received.get(end.connection, []), "chunks change what is found")
+    # After any input, a new connection is served.
     last = _End(server, world, count + 1)
     last.arrive(len(BARE_PING).to_bytes(2, "little") + BARE_PING, 3)
     must(b"\x80" in last.sock.taken and len(last.sock.taken) > 8, "a ping is not answered")
     server.close()
     must(not server.sessions, "sessions after the end")
-    must(all(it.sock.closed for it in ends.values()), "sockets after the end")
+    must(all(end.sock.closed for end in ends.values()), "sockets after the end")
     world.settle()
     world.close()
 
 
 def seeds() -> Iterator[tuple[str, bytes]]:
-    for name, said in datagrams.captured():
+    for name, messages in datagrams.captured():
         if name in ("ping", "publish_reliable", "service", "rclc_int32_subscriber"):
-            found: list[records.Record] = [(1 | peer << 4, message) for peer, message in said]
-            found.insert(3, (2, b"\x01\0"))
-            found += [(5, b"\xff\x04"), (0, b"\0\0\x05"), (3, b""), (1, BARE_PING), (4, b"")]
-            yield name, b"\x06" + records.pack(found)
+            steps: list[records.Record] = [(1 | peer << 4, message) for peer, message in messages]
+            steps.insert(3, (2, b"\x01\0"))
+            steps += [(5, b"\xff\x04"), (0, b"\0\0\x05"), (3, b""), (1, BARE_PING), (4, b"")]
+            yield name, b"\x06" + records.pack(steps)
 
 
 _carried = datagrams.Carried(
@@ -193,6 +193,6 @@ _carried = datagrams.Carried(
         (4, b""),
         (5, b"\x2c\x01"),
     ],
-    datagrams.all_said,
+    datagrams.all_messages,
 )
 mutate = _carried.mutate_in_chunks

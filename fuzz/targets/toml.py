@@ -1,5 +1,7 @@
-"""Files of rules (``--control``): any bytes are rules, or refused with a text that helps; rules
-that were taken can be applied to anything a board may be called."""
+"""Files of rules (``--control``): any bytes are rules, or refused by an error with the file's name.
+
+Accepted rules can be applied to any names of a board.
+"""
 
 from collections.abc import Iterator
 from random import Random
@@ -96,7 +98,7 @@ def seeds() -> Iterator[tuple[str, bytes]]:
     for number, rule in enumerate(_ALL.split("[[client]]")[1:]):
         for line in rule.splitlines():
             if line:
-                name = "".join(it if it.isalnum() else "_" for it in line[:12])
+                name = "".join(char if char.isalnum() else "_" for char in line[:12])
                 yield f"{number}_{name}", f"[[client]]\ndomain = 1\n{line}\n".encode()
 
 
@@ -108,17 +110,17 @@ _WORDS = (
 
 
 def mutate(data: bytes, random: Random, mutate_bytes: MutateBytes) -> bytes:
-    what = random.random()
-    if what < 0.4:
+    draw = random.random()
+    if draw < 0.4:
         return mutate_bytes(data)
     at = random.randrange(len(data) + 1)
-    if what < 0.6:
+    if draw < 0.6:
         return data[:at] + random.choice(_WORDS) + data[at:]
     lines = data.split(b"\n")
     at = random.randrange(len(lines))
-    if what < 0.7:
+    if draw < 0.7:
         del lines[at]
-    elif what < 0.85:
+    elif draw < 0.85:
         lines.insert(at, random.choice(_ALL.encode().split(b"\n")))
     else:
         name, sign, value = lines[at].partition(b"=")

@@ -1,8 +1,7 @@
-"""A whole agent without sockets, on the memory middleware and in made-up time, and what must be
-true of it whatever comes in.
+"""A whole agent without sockets, on the memory middleware, in simulated time, with its invariants.
 
-A witness, a well-behaved client on an address of its own, asks for service after everything that
-happens: no other client may be harmed.
+A witness, a correct client on an address of its own, sends requests after every operation: no other
+client may be affected.
 """
 
 import io
@@ -23,14 +22,15 @@ from uros.wire.cdr import Writer
 from uros.wire.header import MessageWriter, header_size, pull_header, push_header, push_subheader
 from uros.wire.streams import WINDOW
 
-WITNESS = 0  # its peer
+WITNESS = 0  # the peer of the witness
 WITNESS_KEY = 0x5EC0DD17
-# What a transport hands over at most.
+# The largest datagram of a transport.
 MAX_DATAGRAM = 0xFFFF
-# A step of time is cut into such pieces: the witness talks in each.
+# A step of time is split into slices of this length; the witness sends requests in each.
 SLICE_MS = 2000
 MAX_STEP_MS = 40_000
-# Attack: none may get much more out of the agent than it puts in. The witness's pings are free.
+# Attack: amplification, a client that makes the agent send much more than it sends itself. The
+# limit leaves room for the answers to the witness's pings.
 MAX_SENT = 16 * 1024 * 1024
 MAX_TURN = 1024 * 1024
 
@@ -39,23 +39,24 @@ OUTSIDE_TOPICS = ("rt/chatter", "rt/std_msgs_msg_Int32", "HelloWorldTopic", "rt/
 
 
 class Finding(AssertionError):
-    """Something that must not be."""
+    """A violated invariant."""
 
 
-def must(truth: bool, what: str) -> None:
-    if not truth:
-        raise Finding(what)
+def must(condition: bool, fault: str) -> None:
+    """Raise Finding with ``fault`` unless the condition is true."""
+    if not condition:
+        raise Finding(fault)
 
 
 def submessage(kind: int, payload: bytes, flags: int = 1) -> bytes:
-    """One with its header, filled up to a multiple of 4."""
+    """A submessage with its header, padded to a multiple of 4."""
     head = bytearray(4)
     push_subheader(head, 0, kind, flags, len(payload))
     return bytes(head) + payload + bytes(-len(payload) % 4)
 
 
 def built(push: object, *values: object) -> bytes:
-    """What one of the codecs' push functions writes."""
+    """The octets that a push function of the codecs writes."""
     w = Writer(bytearray(4096))
     push(w, *values)  # type: ignore[operator]
     return bytes(w.buf[: w.offset])
@@ -93,26 +94,26 @@ _SAMPLE = b"\x2a\x00\x00\x00"
 
 
 class _Sink(io.TextIOBase):
-    """A log that is formatted and thrown away; a fault of uros in it is a finding."""
+    """A log that is formatted and dropped; an internal error in it is a finding."""
 
     def __init__(self) -> None:
-        self.trouble: list[str] = []  # not raised here: the agent would catch it
+        self.faults: list[str] = []  # not raised here, since the agent would catch the exception
 
     def write(self, text: str) -> int:
         if "internal error" in text or text.count("\n") != 1 or not text.isascii():
-            self.trouble.append(text)
+            self.faults.append(text)
         return len(text)
 
 
 class _Always(RateLimit):
-    """Every line is written: what a line says must not depend on how fast this runs."""
+    """No rate limit: the lines must not depend on the speed of the machine."""
 
     def admit(self, kind: str) -> int:
         return 1
 
 
 class Place(ServerTransport):
-    """The network: peers are numbers."""
+    """The transport: peers are numbers."""
 
     name = "FuzzAgent"
     kind = "FUZZ"
@@ -122,7 +123,7 @@ class Place(ServerTransport):
         self.sent: list[tuple[object, bytes]] = []
 
     def open(self, host: object) -> None:
-        """It is open."""
+        """Nothing to open."""
 
     def send(self, peer: object, datagram: bytes) -> None:
         self.sent.append((peer, bytes(datagram)))
@@ -131,11 +132,11 @@ class Place(ServerTransport):
         return f"peer {peer}"
 
     def close(self) -> None:
-        """It is closed."""
+        """Nothing to close."""
 
 
 class World:
-    """See the module. ``limits``: of each client and of all, None for those of ``uros agent``."""
+    """See the module. ``limits`` of the clients; None: those of ``uros agent``."""
 
     def __init__(self, level: int = 4, limits: Limits | None = None) -> None:
         self.time = 1000  # milliseconds
@@ -149,36 +150,40 @@ class World:
         self.agent.faults = self.agent.unmatched_faults = _Always()
         self.place = Place()
         self.bytes_sent = 0
-        self.tampered = False  # somebody used the witness's key: its session may be taken over
+        self.tampered = (
+            False  # another client used the witness's key and may have taken its session
+        )
         self.calls: list[tuple[int, object]] = []
         self.agent.start(self.wake_at, [self.place])
         node = self.outside.create_node(0, "/", "outside")
         qos = QoSProfile(depth=20)
-        self.writers = [node.create_writer(it, INT32, qos) for it in OUTSIDE_TOPICS]
-        self.readers = [node.create_reader(it, INT32, qos, lambda: None) for it in OUTSIDE_TOPICS]
+        self.writers = [node.create_writer(topic, INT32, qos) for topic in OUTSIDE_TOPICS]
+        self.readers = [
+            node.create_reader(topic, INT32, qos, lambda: None) for topic in OUTSIDE_TOPICS
+        ]
         self._witnessed = node.create_reader("rt/witness", INT32, qos, lambda: None)
-        self.hear(WITNESS, create_client(WITNESS_KEY, 0x81))
-        self.hear(WITNESS, message(0x81, 0x80, 0, WITNESS_KEY, _ENTITIES))
+        self.receive(WITNESS, create_client(WITNESS_KEY, 0x81))
+        self.receive(WITNESS, message(0x81, 0x80, 0, WITNESS_KEY, _ENTITIES))
 
-    # --- what a transport asks of its server -----------------------------------------
+    # --- the server's methods for transports -----------------------------------------
 
     def now(self) -> int:
         return self.time
 
     def received(self, transport, session, buf, view, length, now) -> None:  # type: ignore
-        self._look(transport, view[:length])
+        self._check_key(transport, view[:length])
         if self.agent.message_hooks:
             self.agent.message_hooks(transport, 0, CLIENT, view, length, session.key)
         if session.receive(buf, view, length, now):
             self.agent.attend(session)
 
     def unmatched(self, transport, peer, buf, view, length) -> None:  # type: ignore
-        self._look(transport, view[:length], peer)
+        self._check_key(transport, view[:length], peer)
         if self.agent.message_hooks:
             self.agent.message_hooks(transport, peer, CLIENT, view, length, 0)
         self.agent.unmatched(transport, peer, buf, view, length)
 
-    def _look(self, transport: object, datagram: memoryview, peer: object = None) -> None:
+    def _check_key(self, transport: object, datagram: memoryview, peer: object = None) -> None:
         if transport is not self.place or peer != WITNESS:
             self.tampered |= WITNESS_KEY.to_bytes(4, "big") in bytes(datagram)
 
@@ -200,16 +205,16 @@ class World:
     def wake_at(self, seconds: float, call: object) -> None:
         self.calls.append((self.time + int(seconds * 1000), call))
 
-    # --- what happens ------------------------------------------------------------------
+    # --- operations --------------------------------------------------------------------
 
-    def hear(self, peer: object, datagram: bytes) -> list[tuple[object, bytes]]:
-        """A datagram comes in; what the agent sends at that, to anybody."""
+    def receive(self, peer: object, datagram: bytes) -> list[tuple[object, bytes]]:
+        """Pass a datagram to the agent; (peer, datagram) of all that the agent sends then."""
         buf = bytearray(datagram[:MAX_DATAGRAM])
         self.place.deliver(self, peer, buf, memoryview(buf), len(buf), self.time)
         return self.settle()
 
     def settle(self) -> list[tuple[object, bytes]]:
-        """What the agent's loop does after a burst."""
+        """Do the work of the server's loop after a burst of datagrams."""
         agent = self.agent
         self.middleware.dispatch()
         turns = 0
@@ -220,56 +225,56 @@ class World:
             agent.attended.clear()
             if agent.session_store is not None:
                 agent.session_store.keep(attended)
-            for it in attended:
-                it.finish()
-                agent.flush(it)
+            for client_session in attended:
+                client_session.finish()
+                agent.flush(client_session)
         if agent.budget.since > agent.budget.room:
             agent.budget.settle(self.time)
-        must(not self._sink.trouble, "".join(self._sink.trouble))
+        must(not self._sink.faults, "".join(self._sink.faults))
         sent, self.place.sent = self.place.sent, []
         for peer, datagram in sent:
-            self._sound(peer, datagram)
-        self.bytes_sent += sum(len(it) for _, it in sent)
+            self._check_message(peer, datagram)
+        self.bytes_sent += sum(len(datagram) for _, datagram in sent)
         return sent
 
-    def _sound(self, peer: object, datagram: bytes) -> None:
-        """What goes out is a message, and no longer than its receiver wants."""
+    def _check_message(self, peer: object, datagram: bytes) -> None:
+        """A datagram of the agent is a message, no longer than its receiver's MTU."""
         pull_header(datagram, len(datagram))
         session = self.place.sessions.get(peer)
         if session is not None:
-            # A bare answer says what it has to, however little a client takes.
+            # An answer of one submessage is sent even where the MTU is smaller.
             must(len(datagram) <= max(session.mtu, 64), f"{len(datagram)} bytes, mtu {session.mtu}")
 
     def advance(self, milliseconds: int) -> None:
-        """Time passes, timers fire."""
+        """Advance the time and run the timers that are due."""
         end = self.time + milliseconds
         turns = 0
         while True:
             turns += 1
             must(turns < 20_000, "timers fire for ever")
-            due = [it for it in self.calls if it[0] <= end]
+            due = [call for call in self.calls if call[0] <= end]
             for client in self.agent.clients.values():
                 at = client.next_deadline()
                 if at is not None and ticks_diff(at, end & TIME_MASK) <= 0:
                     due.append((at, client))
             if not due:
                 break
-            first = min(due, key=lambda it: it[0])
-            at, what = first
+            first = min(due, key=lambda entry: entry[0])
+            at, due_call = first
             self.time = max(self.time, at)
             if first in self.calls:
                 self.calls.remove(first)
-                what()  # type: ignore[operator]
+                due_call()  # type: ignore[operator]
             else:
-                what.poll(self.time)  # type: ignore[attr-defined]
-                self.agent.attend(what.session)  # type: ignore[attr-defined]
+                due_call.poll(self.time)  # type: ignore[attr-defined]
+                self.agent.attend(due_call.session)  # type: ignore[attr-defined]
             self.settle()
         self.time = end
         self.middleware.tick()
         self.settle()
 
     def step(self, milliseconds: int) -> None:
-        """Time passes, and the witness is there all the while."""
+        """Advance the time in slices, with requests of the witness in each."""
         left = min(milliseconds, MAX_STEP_MS)
         while left > 0:
             self.advance(min(left, SLICE_MS))
@@ -277,37 +282,37 @@ class World:
             self.witness()
 
     def publish(self, topic: int, sample: bytes) -> None:
-        """Somebody else on the network writes a sample."""
+        """Write a sample from outside of the agent."""
         self.writers[topic % len(self.writers)].write(b"\0\1\0\0" + sample)
         self.settle()
 
-    # --- what must be true ---------------------------------------------------------------
+    # --- invariants ----------------------------------------------------------------------
 
     def witness(self) -> None:
-        """The witness is served."""
-        answers = self.hear(WITNESS, BARE_PING)
+        """The agent answers the witness."""
+        answers = self.receive(WITNESS, BARE_PING)
         must(any(peer == WITNESS for peer, _ in answers), "a ping is not answered")
         if not self.tampered:
-            answers = self.hear(WITNESS, OWN_PING)
+            answers = self.receive(WITNESS, OWN_PING)
             must(
-                any(peer == WITNESS and it[0] == 0x81 for peer, it in answers),
+                any(peer == WITNESS and datagram[0] == 0x81 for peer, datagram in answers),
                 "the ping of another client within its session is not answered",
             )
 
     def check(self) -> None:
-        """Nothing has grown beyond its limit, and the books agree."""
+        """No resource exceeds its limit, and the counts are right."""
         agent = self.agent
         must(len(agent.clients) <= MAX_CLIENTS, "too many clients")
         must(set(agent._places) == set(agent.clients), "places and clients differ")
-        for peer, it in self.place.sessions.items():
-            known = agent._places.get(it.key)
+        for peer, client_session in self.place.sessions.items():
+            known = agent._places.get(client_session.key)
             must(known == (self.place, peer), f"a session of peer {peer} that is not there")
         must(self.bytes_sent <= MAX_SENT, "it sends without end")
         held = 0
         for client in agent.clients.values():
             self._check_client(client)
             held += client.held()
-        # A turn may pass the limit by what it sends; here a turn is one message.
+        # A turn may exceed the limit by the messages that it sends; here a turn is one message.
         must(held <= agent.limits.memory + MAX_TURN, f"{held} bytes held for all clients")
 
     def _check_client(self, client) -> None:  # type: ignore[no-untyped-def]
@@ -334,15 +339,15 @@ class World:
         must(session.writers.keys() <= client.objects.keys(), "writers of no object")
 
     def close(self) -> None:
-        """The witness still gets its sample through; then nothing is left behind."""
+        """The witness can still publish; after the agent has closed, nothing is left."""
         if not self.tampered:
             self._witnessed.take(100)
             client = self.agent.clients.get(WITNESS_KEY)
             must(client is not None, "another client is gone")
             number = (client.session.last_received(0x80) + 1) & 0xFFFF
             write = submessage(ids.WRITE_DATA, b"\0\1\0\x15" + _SAMPLE)
-            self.hear(WITNESS, message(0x81, 0x80, number, WITNESS_KEY, write))
-            samples = [bytes(it) for it in self._witnessed.take(100)]
+            self.receive(WITNESS, message(0x81, 0x80, number, WITNESS_KEY, write))
+            samples = [bytes(sample) for sample in self._witnessed.take(100)]
             must(samples == [b"\0\1\0\0" + _SAMPLE], f"another client's sample: {samples}")
         self.agent.close()
         self.settle()
@@ -350,7 +355,7 @@ class World:
         must(not self.agent.clients and not self.agent._places, "clients after the end")
         must(not self.place.sessions, "sessions after the end")
         self.outside.close()
-        left = [it.full_name for it in self.bus.nodes]
+        left = [node.full_name for node in self.bus.nodes]
         must(not left, f"nodes after the end: {left}")
         must(not any(self.bus.readers.values()), "readers after the end")
         must(not any(self.bus.writers.values()), "writers after the end")

@@ -1,6 +1,6 @@
 """XML from outside: representations of every kind, as clients send them, and files of references.
 
-The first byte says what the document is for: a CREATE of a kind, or a file.
+The first byte chooses the use of the document: a CREATE of a kind, or a file.
 """
 
 import os
@@ -27,7 +27,7 @@ _folder: list[tempfile.TemporaryDirectory[str]] = []
 
 
 def scratch() -> Path:
-    """A file to write inputs to, gone with the process."""
+    """A file for inputs, removed at the end of the process."""
     if not _folder:
         _folder.append(tempfile.TemporaryDirectory(prefix="uros-fuzz-"))
     return Path(_folder[0].name, f"input-{os.getpid()}")
@@ -55,8 +55,8 @@ def _parse(kind: int, content: str, references: References) -> None:
 
 def one_input(data: bytes) -> None:
     references = References()
-    what, text = data[0] if data else 0, data[1:]
-    if what & _FILE:
+    use, text = data[0] if data else 0, data[1:]
+    if use & _FILE:
         path = scratch()
         path.write_bytes(text)
         try:
@@ -79,17 +79,17 @@ def one_input(data: bytes) -> None:
             must(profile is not None, "a profile that is none")
         return
     content = text.decode("utf-8", "replace").replace("\0", " ")
-    kind = KINDS[what % len(KINDS)]
+    kind = KINDS[use % len(KINDS)]
     _parse(kind, content, references)
     if len(text) <= 0xF000:
         _create(kind, content.encode()[:0xF000].decode("utf-8", "ignore"))
 
 
 def _create(kind: int, content: str) -> None:
-    """The same by an agent, under a participant, a publisher and a subscriber."""
+    """CREATE with the document at an agent, under a participant, a publisher or a subscriber."""
     world = World()
     key = key_of(1)
-    world.hear(1, create_client(key, 0x81))
+    world.receive(1, create_client(key, 0x81))
     parents = b"".join(
         submessage(
             ids.CREATE, built(entities.push_create, 1, object_id, ids.IN_BINARY, body, parent)
@@ -101,7 +101,7 @@ def _create(kind: int, content: str) -> None:
             (0x014, built(entities.push_binary_group, None, None), 0x011),
         )
     )
-    world.hear(1, b"\x81\x80\0\0" + parents)
+    world.receive(1, b"\x81\x80\0\0" + parents)
     parent = {ids.KIND_DATAWRITER: 0x013, ids.KIND_DATAREADER: 0x014}.get(kind, 0x011)
     payload = bytearray(len(content.encode()) + 64)
     w = Writer(payload)
@@ -109,8 +109,8 @@ def _create(kind: int, content: str) -> None:
     body = submessage(ids.CREATE, bytes(payload[: w.offset]))
     if len(body) > 0xFFF0:
         return
-    answers = world.hear(1, b"\x81\x80\1\0" + body)
-    must(any(it[4] == ids.STATUS for _, it in answers), "a CREATE without an answer")
+    answers = world.receive(1, b"\x81\x80\1\0" + body)
+    must(any(answer[4] == ids.STATUS for _, answer in answers), "a CREATE without an answer")
     world.check()
     world.close()
 
@@ -168,7 +168,7 @@ _good: list[bytes] = []
 
 
 def mutate(data: bytes, random: Random, mutate_bytes: records.MutateBytes) -> bytes:
-    """Elements move, are doubled and lost; texts and attributes change; words come in."""
+    """Move, duplicate and delete elements; change texts and attributes; insert words."""
     head, text = data[:1] or b"\0", data[1:]
     what = random.random()
     if what < 0.1:
@@ -178,10 +178,12 @@ def mutate(data: bytes, random: Random, mutate_bytes: records.MutateBytes) -> by
     if what < 0.55:
         at = random.randrange(len(text) + 1)
         return head + text[:at] + random.choice(_WORDS) + text[at:]
-    parts = [b"<" + it for it in text.split(b"<")] if text else []
+    parts = [b"<" + part for part in text.split(b"<")] if text else []
     if len(parts) < 3 or what < 0.6:
         if not _good:
-            _good.extend(it.encode() for it in (_WRITER, _PARTICIPANT, _GLUED, _PUBLISHER))
+            _good.extend(
+                document.encode() for document in (_WRITER, _PARTICIPANT, _GLUED, _PUBLISHER)
+            )
         return head + random.choice(_good)
     at = random.randrange(1, len(parts))
     if what < 0.7:
