@@ -17,7 +17,7 @@ SOCKET = """
 import errno
 
 AF_INET, SOCK_DGRAM = 2, 2
-made = []
+created = []
 down = False
 
 def getaddrinfo(host, port, family=0, kind=0):
@@ -30,7 +30,7 @@ class socket:
         self.incoming = []
         self.closed = 0
         self.bound = self.peer = None
-        made.append(self)
+        created.append(self)
 
     def setblocking(self, flag):
         assert not flag
@@ -137,12 +137,12 @@ def scene(discover_agent, INFO, ANYWHERE):
     select.poll.poll = poll_with_answers
     answers = [(INFO, ("192.0.2.1", 7400))]
     assert discover_agent(1000) == ("192.0.2.7", 8888)
-    assert socket.made[-1].sent[0][1] == ("numeric", "239.255.0.2", 7400)
-    assert len(socket.made[-1].sent) == 1 and socket.made[-1].closed == 1
+    assert socket.created[-1].sent[0][1] == ("numeric", "239.255.0.2", 7400)
+    assert len(socket.created[-1].sent) == 1 and socket.created[-1].closed == 1
     answers = [(ANYWHERE, ("192.0.2.1", 7400))]
     assert discover_agent(1000, (("10.0.0.1", 7401),), "10.0.0.7") == ("192.0.2.1", 8888)
-    assert socket.made[-1].sent[0][1] == ("numeric", "10.0.0.1", 7401)
-    assert socket.made[-1].bound == ("numeric", "10.0.0.7", 0)
+    assert socket.created[-1].sent[0][1] == ("numeric", "10.0.0.1", 7401)
+    assert socket.created[-1].bound == ("numeric", "10.0.0.7", 0)
     answers = [(INFO, b"sockaddr")]
     assert discover_agent(1000) == ("192.0.2.7", 8888)
     select.poll.poll = original_poll
@@ -152,10 +152,10 @@ def scene(discover_agent, INFO, ANYWHERE):
 def test_waiting_for_an_agent(board: MicroPython) -> None:
     board.run(WAITING + """
 scene(discover_agent, INFO, ANYWHERE)
-assert discover_agent(30) is None and socket.made[-1].closed == 1
+assert discover_agent(30) is None and socket.created[-1].closed == 1
 socket.down = True
 raises(discover_agent, 1000)
-assert socket.made[-1].closed == 1
+assert socket.created[-1].closed == 1
 """)  # fmt: skip
 
 
@@ -163,13 +163,13 @@ def test_the_transport(board: MicroPython) -> None:
     board.run("""
 t = DiscoveringTransport(patience_ms=300)
 t.open()
-search = socket.made[-1]
+search = socket.created[-1]
 assert search.sent == [(QUESTION, ("numeric", "239.255.0.2", 7400))]
 t.send(bytearray(b"ping..."), 4)
 assert t.receive(0) is None and t.agent is None
 search.incoming = [(b"nonsense", ("192.0.2.9", 1)), (ANYWHERE, ("192.0.2.7", 7400))]
 assert t.receive(0) is None and t.agent == ("192.0.2.7", 8888)
-line = socket.made[-1]
+line = socket.created[-1]
 assert search.closed == 1 and line.peer == ("numeric", "192.0.2.7", 8888)
 assert line.sent == [b"ping"]
 line.incoming = [(b"pong", None)]
@@ -181,17 +181,17 @@ t.close()
 assert line.closed == 1 and t.close() is None
 
 t.open()  # and again
-assert socket.made[-1] is not search
+assert socket.created[-1] is not search
 assert "no agent answers at 239.255.0.2 port 7400" in raises(t.receive, 350)
 t.close()
 t.open()
-socket.made[-1].incoming = [(INFO, ("192.0.2.1", 7400))]
+socket.created[-1].incoming = [(INFO, ("192.0.2.1", 7400))]
 assert t.receive(0) is None and t.agent == ("192.0.2.7", 8888)
 assert "192.0.2.7 port 8888, and is silent there" in raises(t.receive, 350)
 t.close()
 socket.down = True
 raises(t.open)
-assert socket.made[-1].closed == 1
+assert socket.created[-1].closed == 1
 """)
 
 
@@ -208,9 +208,9 @@ def run():
     import socket
     node = Node("node", DiscoveringTransport(), key=1, wait_ms=0)
     node.spin_once(0)
-    socket.made[-1].incoming = [(INFO, ("192.0.2.1", 7400))]
+    socket.created[-1].incoming = [(INFO, ("192.0.2.1", 7400))]
     node.spin_once(0)
-    line = socket.made[-1]
+    line = socket.created[-1]
     assert line.peer == ("numeric", "192.0.2.7", 8888) and line.sent[0][4] == 2
 """
     )

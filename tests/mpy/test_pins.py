@@ -70,18 +70,18 @@ def test_values_and_errors_of_pins(start):
 EDGES = """
     import time
     from machine import Pin
-    seen = []
+    edges = []
     def on_edge(pin):
-        seen.append((time.ticks_us(), pin.value()))
+        edges.append((time.ticks_us(), pin.value()))
     button = Pin(23, Pin.IN, Pin.PULL_UP)
     button.irq(on_edge, Pin.IRQ_FALLING | Pin.IRQ_RISING)
     print("ready")
-    while not seen:
+    while not edges:
         time.sleep_ms(50)
     time.sleep_ms(700)
     button.irq(None)
-    print([after[0] - before[0] for before, after in zip(seen, seen[1:])])
-    print([level for _, level in seen])
+    print([after[0] - before[0] for before, after in zip(edges, edges[1:])])
+    print([level for _, level in edges])
     """
 
 

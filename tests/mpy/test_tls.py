@@ -14,11 +14,11 @@ SOCKET = """
 import errno
 
 AF_INET, SOCK_STREAM = 2, 1
-made = []
-known = [(2, 1, 0, "", ("192.0.2.7", 8888))]
+created = []
+addresses = [(2, 1, 0, "", ("192.0.2.7", 8888))]
 
 def getaddrinfo(host, port, family=0, kind=0):
-    return known
+    return addresses
 
 class socket:
     def __init__(self, family, kind):
@@ -29,13 +29,13 @@ class socket:
         self.room = 10000
         self.sent = b""
         self.closed = 0
-        made.append(self)
+        created.append(self)
 
     def setblocking(self, flag):
         assert not flag
 
     def connect(self, address):
-        assert address == known[0][-1]
+        assert address == addresses[0][-1]
         raise OSError(errno.EINPROGRESS)
 
     def recv(self, size):
@@ -78,7 +78,7 @@ class poll:
 """
 SSL = """
 PROTOCOL_TLS_CLIENT, CERT_NONE, CERT_REQUIRED = 0, 0, 2
-made = []
+created = []
 refusal = None
 
 class SSLContext:
@@ -108,7 +108,7 @@ class SSLSocket:
     def __init__(self, context, sock, name):
         self.context, self.sock, self.name = context, sock, name
         self.shaken = False
-        made.append(self)
+        created.append(self)
 
     def _shake(self):
         if refusal:
@@ -155,7 +155,7 @@ def board() -> Iterator[MicroPython]:
             "/lib/ca.pem", "-----BEGIN CERTIFICATE-----\nMAEC\n-----END CERTIFICATE-----\n"
         )
         micropython.write("/lib/board.key", b"0key")
-        micropython.run("import socket, select, ssl\nassert hasattr(socket, 'known') and"
+        micropython.run("import socket, select, ssl\nassert hasattr(socket, 'addresses') and"
                " hasattr(select, 'polled')")  # fmt: skip
         yield micropython
 
@@ -179,7 +179,7 @@ def test_tcp(board: MicroPython) -> None:
         + """
 t = TcpTransport("agent.local")
 t.open()
-sock = socket.made[-1]
+sock = socket.created[-1]
 t.send(b"ping")
 assert t.receive(0) is None and sock.sent == b""
 sock.connected = True
@@ -201,7 +201,7 @@ t.close()
 assert sock.closed and t.close() is None
 
 t.open()
-socket.made[-1].refused = True
+socket.created[-1].refused = True
 assert "nobody answers at agent.local" in raises(t.receive, 0)
 t = TcpTransport("agent.local", patience_ms=30)
 t.open()
@@ -216,12 +216,12 @@ def test_tls(board: MicroPython) -> None:
         + """
 t = TlsTransport("agent.local", ca="/lib/ca.pem", cert=b"0cert", key="/lib/board.key")
 t.open()
-sock = socket.made[-1]
+sock = socket.created[-1]
 t.send(b"ping")
-assert t.receive(0) is None and not ssl.made
+assert t.receive(0) is None and not ssl.created
 sock.connected = True
 assert t.receive(0) is None
-line = ssl.made[-1]
+line = ssl.created[-1]
 assert line.name == "agent.local" and line.context.verify_mode == ssl.CERT_REQUIRED
 assert line.context.ca == b"0\\1\\2" and line.context.chain == (b"0cert", b"0key")
 assert sock.sent == b""  # the handshake is not done
@@ -240,7 +240,7 @@ t.close()
 assert sock.closed
 
 t.open()  # and again
-assert socket.made[-1] is not sock
+assert socket.created[-1] is not sock
 t.close()
 """
     )
@@ -252,12 +252,12 @@ def test_a_certificate_that_is_refused(board: MicroPython) -> None:
         + """
 t = TlsTransport("agent.local", ca="/lib/ca.pem", name="robot")
 t.open()
-sock = socket.made[-1]
+sock = socket.created[-1]
 sock.connected = True
 ssl.refusal = "\\nThe certificate is not correctly signed by the trusted CA\\n"
 text = raises(t.receive, 0)
 assert text == "the agent's certificate is refused: " + ssl.refusal.strip(), text
-assert ssl.made[-1].name == "robot"
+assert ssl.created[-1].name == "robot"
 t.close()
 assert sock.closed == 1  # although the SSL socket does not close it any longer
 
@@ -268,9 +268,9 @@ raises(bad.open)
 free = TlsTransport("agent.local", verify=False)
 ssl.refusal = None
 free.open()
-socket.made[-1].connected = True
+socket.created[-1].connected = True
 free.receive(0)
-assert ssl.made[-1].context.verify_mode == ssl.CERT_NONE
+assert ssl.created[-1].context.verify_mode == ssl.CERT_NONE
 """
     )
 

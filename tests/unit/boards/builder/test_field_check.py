@@ -64,7 +64,7 @@ BATTERY = "sensor_msgs/msg/BatteryState has no field volts; did you mean voltage
          "        self.m.volts = 1.0", BATTERY),
         ("class A:\n    m = BatteryState()\n    def f(self):\n        self.m.volts = 1.0", BATTERY),
         ("class A:\n    def __init__(self):\n        self.m = BatteryState()\n"
-         "class B(A):\n    def f(self):\n        it = self.m\n        it.volts = 1.0", BATTERY),
+         "class B(A):\n    def f(self):\n        m = self.m\n        m.volts = 1.0", BATTERY),
         ("class A:\n    def __init__(self):\n        self.m = BatteryState()\na = A()\n"
          "a.m.volts = 1.0", BATTERY),
         ("def fill(m):\n    m.volts = 1.0\nfill(BatteryState())", BATTERY),
@@ -74,7 +74,7 @@ BATTERY = "sensor_msgs/msg/BatteryState has no field volts; did you mean voltage
          "builtin_interfaces/msg/Time has no field sek; did you mean sec?"),
         ("m = Twist()\nm.x = 1.0",
          "geometry_msgs/msg/Twist has no field x; did you mean linear.x or angular.x?"),
-        ("m = TFMessage()\nfor it in m.transforms:\n    print(it.transfrom)",
+        ("m = TFMessage()\nfor item in m.transforms:\n    print(item.transfrom)",
          "geometry_msgs/msg/TransformStamped has no field transfrom; did you mean transform?"),
         ("def on(request, response):\n    response.summ = request.a\n    return response\n"
          "def go(node):\n    node.create_service(AddTwoInts, 'x', on)",

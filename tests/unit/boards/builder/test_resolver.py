@@ -895,7 +895,7 @@ def test_no_method_takes_a_name_that_class_bodies_load() -> None:
         f"class A:\n{methods}"
         "    made = staticmethod(len)\n"
         "    @property\n    def first(self): return 1\n"
-        "    @property\n    def whole(self, it=enumerate):\n"
+        "    @property\n    def whole(self, function=enumerate):\n"
         f"        return self.first + self.made('ab') + sum([{calls}])\n"
     )
     scope: dict = {}
@@ -914,11 +914,11 @@ class Heir(Base):
     @property
     def doubled(self): return 2 * self.amount
     @doubled.setter
-    def doubled(self, it): self.amount = it
+    def doubled(self, value): self.amount = value
 class Other:
     def __init__(self, heir): self.theirs = heir; self.amounts = 0
     def ask(self): return helper(self.theirs.counted(10))
-def helper(it): return it + TOTAL_OF_ALL
+def helper(number): return number + TOTAL_OF_ALL
 TOTAL_OF_ALL = 100
 def run():
     heir = Heir()
@@ -985,7 +985,7 @@ class Known: pass
 class Its(Known): pass
 class Asked: pass
 class Own(Asked): pass
-f = lambda it: isinstance(it, Asked)
+f = lambda value: isinstance(value, Asked)
 """)
     merge_classes(tree, ["Known"])
     names = [node.name for node in tree.body if isinstance(node, ast.ClassDef)]
@@ -1006,9 +1006,9 @@ BASE = "class A:\n    def f(self): return 1\n"
         "class A:\n    X = 1\n    Y = X * 2\nclass B(A):\n    X = 3",
         "class A:\n    X = Y = 1\nclass B(A):\n    X = 3",
         "class A:\n    X, Y = 1, 2\nclass B(A):\n    X = 3",
-        "class A:\n    X = said()\nclass B(A): pass",
+        "class A:\n    X = evaluated()\nclass B(A): pass",
         "class A:\n    print('A')\nclass B(A): pass",
-        "class A:\n    def f(self, n=said()): pass\nclass B(A): pass",
+        "class A:\n    def f(self, n=evaluated()): pass\nclass B(A): pass",
         "class A:\n    X = {[]: 1}\nclass B(A): pass",
         "class A:\n    @known\n    def f(self): pass\nclass B(A): pass",
         "class A:\n    if known: X = 1\nclass B(A): pass",
@@ -1068,7 +1068,7 @@ def test_a_method_that_is_called_once_becomes_part_of_its_caller() -> None:
     tree = ast.parse("""
 limit = 3
 class A:
-    def __init__(self): self.told = []
+    def __init__(self): self.results = []
     def run(self, n):
         i = 10
         self._note(n, i + 1)
@@ -1076,14 +1076,14 @@ class A:
         try:
             self._note_all(i)
         except ValueError as error:
-            self.told.append(str(error))
+            self.results.append(str(error))
         return i
     def _note(self, n, i):
         for k in range(2): i += k
-        self.told.append((n, i))
+        self.results.append((n, i))
     def _early(self, x):
         if x > limit: return
-        self.told.append("small")
+        self.results.append("small")
     def _note_all(self, n):
         raise ValueError("no %d" % n)
     def _twice(self): pass
@@ -1098,7 +1098,7 @@ class A:
         limit = 5
         self._reads()
         return limit
-    def _reads(self): self.told.append(limit)
+    def _reads(self): self.results.append(limit)
     def asked(self): self._asked()
     def _asked(self): pass
 def outside(a): return a._asked
@@ -1112,15 +1112,15 @@ def outside(a): return a._asked
     exec(ast.unparse(ast.fix_missing_locations(tree)), scope)
     instance = scope["A"]()
     assert instance.run(2) == 10 and instance.run(9) == 10 and instance.hiding() == 5
-    assert instance.told == [(2, 12), "small", "no 10", (9, 12), "no 10", 3]
+    assert instance.results == [(2, 12), "small", "no 10", (9, 12), "no 10", 3]
 
 
 @pytest.mark.parametrize(
     ("call", "body"),
     [
         # The value of the argument changes a line later.
-        ("self.m(count)", "more()\n        self.told.append(n)"),
-        ("x = 1\n        self.m(x)", "more()\n        self.told.append(n)"),
+        ("self.m(count)", "more()\n        self.results.append(n)"),
+        ("x = 1\n        self.m(x)", "more()\n        self.results.append(n)"),
     ],
 )
 def test_arguments_are_evaluated_at_the_call(call: str, body: str) -> None:
@@ -1130,7 +1130,7 @@ def more():
     global count
     count += 1
 class A:
-    def __init__(self): self.told = []
+    def __init__(self): self.results = []
     def run(self):
         {call}
     def m(self, n):
@@ -1146,7 +1146,7 @@ class A:
         exec(source, scope)
         instance = scope["A"]()
         instance.run()
-        results.append(instance.told)
+        results.append(instance.results)
     assert results[0] == results[1] and len(results[0]) == 1
 
 
