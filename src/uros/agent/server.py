@@ -153,9 +153,9 @@ class Server:
         except KeyError:
             pass
 
-    def note(self, level: int, part: str, function: str, what: str, about: str) -> None:
+    def note(self, level: int, part: str, function: str, event: str, about: str) -> None:
         """Log a line."""
-        self.agent.log(level, part, function, what, about)
+        self.agent.log(level, part, function, event, about)
 
     def wake_at(self, seconds: float, call: Callable[[], None]) -> None:
         """Call once, so many seconds from now."""
@@ -326,8 +326,8 @@ class Server:
             self._timers.pop(client, None)
             return
         at = self._monotonic() + max(0, ticks_diff(deadline, now)) / 1000
-        known = self._timers.get(client)
-        if known is not None and known <= at:
+        timer_before = self._timers.get(client)
+        if timer_before is not None and timer_before <= at:
             return  # it fires before that, and is set again then
         self._timers[client] = at
 

@@ -137,8 +137,8 @@ class Watchdog:
             self._over.set()
             self._leave(1)
 
-    def _warn(self, what: str, about: str) -> None:
-        self._log.warning("Watchdog", "run", what, about)
+    def _warn(self, event: str, about: str) -> None:
+        self._log.warning("Watchdog", "run", event, about)
 
 
 def standing(frame: FrameType | None) -> tuple[str, str]:

@@ -448,7 +448,7 @@ class Board:
     def settle(self):
         self.take(self.desk.settle())
 
-    def got(self, kind):
+    def payloads(self, kind):
         """Remove the payloads of that kind from the inbox; return them in order."""
         payloads = [payload for item, _, payload in self.inbox if item == kind]
         self.inbox = [item for item in self.inbox if item[0] != kind]
@@ -456,17 +456,17 @@ class Board:
 
     def statuses(self):
         """Remove the status values from the inbox; return them."""
-        return [payload[4] for payload in self.got(ids.STATUS)]
+        return [payload[4] for payload in self.payloads(ids.STATUS)]
 
     def ask(self, *submessages, stream=ids.STREAM_RELIABLE):
         """Send, and return the status values of the answers."""
-        self.got(ids.STATUS)
+        self.payloads(ids.STATUS)
         self.send(*submessages, stream=stream)
         return self.statuses()
 
     def samples(self):
         """Remove DATA from the inbox; return the samples without request and object id."""
-        return [payload[4:] for payload in self.got(ids.DATA)]
+        return [payload[4:] for payload in self.payloads(ids.DATA)]
 
 
 def of(board):

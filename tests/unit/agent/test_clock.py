@@ -98,7 +98,7 @@ def test_the_wall_clock_may_jump(desk):
         assert board.samples() == [b"x"]
         board.send(sub(ids.TIMESTAMP, bytes(8)), stream=0)
         board.send(get_info(), stream=0)
-        assert len(board.got(ids.INFO)) == 1
+        assert len(board.payloads(ids.INFO)) == 1
     assert "internal error" not in desk.log()
 
 

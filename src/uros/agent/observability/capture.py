@@ -283,6 +283,6 @@ def _trouble(error: OSError) -> str:
         errno.EDQUOT: "make room, or capture to another disk or with a smaller --capture-size",
         errno.EFBIG: "raise the limit on files (ulimit -f), or choose a smaller --capture-size",
     }
-    said = error.strerror or str(error)
+    reason = error.strerror or str(error)
     remedy = remedies.get(error.errno or 0, "start the agent again with another file")
-    return f"{said} ({remedy})"
+    return f"{reason} ({remedy})"

@@ -138,27 +138,27 @@ def pieces(server: Server, rates: Rates | None = None) -> Iterator[str]:
 
 def snapshot(server: Server) -> dict[str, Any]:
     """Make a snapshot at once, where boards may wait."""
-    made: dict[str, Any] = json.loads("".join(pieces(server)))
-    return made
+    content: dict[str, Any] = json.loads("".join(pieces(server)))
+    return content
 
 
-def gather(server: Server, done: Callable[[str], None], wanted: Callable[[], bool]) -> None:
+def gather(server: Server, done: Callable[[str], None], is_wanted: Callable[[], bool]) -> None:
     """Make a snapshot in the server's thread while boards are served; pass its JSON to ``done``.
 
     It stops when it is no longer ``wanted``.
     """
-    made: list[str] = []
+    texts: list[str] = []
     more = pieces(server)
     monotonic = server.clock.monotonic
 
     def work() -> None:
         end = monotonic() + SLICE
-        while wanted():
+        while is_wanted():
             piece = next(more, None)
             if piece is None:
-                done("".join(made))
+                done("".join(texts))
                 return
-            made.append(piece)
+            texts.append(piece)
             if monotonic() >= end:
                 server.wake_at(0.0, work)
                 return
@@ -200,8 +200,8 @@ def _client(server: Server, client: ProxyClient, rates: Rates) -> dict[str, Any]
     now = agent.clock.monotonic()
     rate_in, rate_out, over = rates.of(client, now)
     unacknowledged, stalled, early, fragments = session.queues()
-    found = [obj for obj in client.objects.values() if obj.endpoint is not None]
-    made = {
+    with_endpoints = [obj for obj in client.objects.values() if obj.endpoint is not None]
+    entry = {
         "key": key_label(client.key),
         "session_id": f"0x{session.session_id:02X}",
         "transport": transport.name,
@@ -230,14 +230,14 @@ def _client(server: Server, client: ProxyClient, rates: Rates) -> dict[str, Any]
         },
         "endpoints": [
             _endpoint(obj, obj.endpoint)
-            for obj in found[:MAX_ENDPOINTS]
+            for obj in with_endpoints[:MAX_ENDPOINTS]
             if obj.endpoint is not None
         ],
         "clock_offset": client.clock_offset,
     }  # fmt: skip
-    if len(found) > MAX_ENDPOINTS:
-        made["endpoints_left_out"] = len(found) - MAX_ENDPOINTS
-    return made
+    if len(with_endpoints) > MAX_ENDPOINTS:
+        entry["endpoints_left_out"] = len(with_endpoints) - MAX_ENDPOINTS
+    return entry
 
 
 def _endpoint(obj: XrceObject, endpoint: Endpoint) -> dict[str, Any]:

@@ -57,26 +57,26 @@ def folders() -> list[Path]:
     """Return the folders where this user's agents have sockets, that of a new agent first."""
     if not hasattr(os, "getuid"):
         return []
-    found = []
+    paths = []
     runtime = os.environ.get("XDG_RUNTIME_DIR")
     if runtime:
         try:
             if os.stat(runtime).st_uid == os.getuid():  # not after sudo -E
-                found.append(Path(runtime) / "uros")
+                paths.append(Path(runtime) / "uros")
         except OSError:
             pass
-    found.append(Path(f"/tmp/uros-{os.getuid()}"))
-    return found
+    paths.append(Path(f"/tmp/uros-{os.getuid()}"))
+    return paths
 
 
 def check_folder(folder: Path) -> None:
     """Raise OSError where another user could have created files in the folder."""
-    found = os.lstat(folder)
-    if not stat.S_ISDIR(found.st_mode):
+    status = os.lstat(folder)
+    if not stat.S_ISDIR(status.st_mode):
         raise OSError(f"{folder} is not a directory: remove it")
-    if found.st_uid != os.getuid():
+    if status.st_uid != os.getuid():
         raise OSError(f"{folder} belongs to another user: remove it, or set XDG_RUNTIME_DIR")
-    if found.st_mode & 0o077:
+    if status.st_mode & 0o077:
         raise OSError(f"other users may enter {folder}: chmod 700 {folder}")
 
 
@@ -87,8 +87,8 @@ def sockets(folder: Path) -> dict[int, Path]:
         names = sorted(os.listdir(folder))
     except OSError:
         return {}
-    found = filter(None, map(_NAME.fullmatch, names))
-    return {int(match[1]): folder / match[0] for match in found}
+    matches = filter(None, map(_NAME.fullmatch, names))
+    return {int(match[1]): folder / match[0] for match in matches}
 
 
 def _remove_stale(folder: Path) -> None:
@@ -253,7 +253,7 @@ class StatusSocket:
         del self._connections[connection]
         if self._server is not None:
             self._server.unwatch(connection.sock.fileno())
-            if connection.tracing and not any(other.tracing for other in self._connections):
+            if connection.tracing and not any(remaining.tracing for remaining in self._connections):
                 self._server.agent.message_hooks.discard(self._on_message)
         connection.sock.close()
 
@@ -291,20 +291,20 @@ class StatusSocket:
             query: Any = json.loads(line)
         except (ValueError, RecursionError):
             return None
-        asked = query.get("ask") if isinstance(query, dict) else None
-        return asked if asked in ("status", "trace") else None
+        question = query.get("ask") if isinstance(query, dict) else None
+        return question if question in ("status", "trace") else None
 
     def _next(self, connection: _Connection) -> bool:
         """Begin to answer the next query; return whether there was one."""
         if not connection.queries:
             return False
         line = connection.queries.popleft()
-        asked = self._parse_query(line)
+        question = self._parse_query(line)
         if not line.strip():
             return True
-        if asked is None:
+        if question is None:
             connection.out += _error('not understood: ask {"ask":"status"} or {"ask":"trace"}')
-        elif asked == "status":
+        elif question == "status":
             assert self._server is not None and self.rates is not None
             connection.answer = pieces(self._server, self.rates)
         elif not connection.tracing:
@@ -387,12 +387,12 @@ class StatusSocket:
         for connection in self._connections:
             if not connection.tracing:
                 continue
-            kept = connection.event_bytes + len(event.message)
-            if len(connection.events) >= MAX_EVENTS or kept > MAX_EVENT_BYTES:
+            size = connection.event_bytes + len(event.message)
+            if len(connection.events) >= MAX_EVENTS or size > MAX_EVENT_BYTES:
                 connection.lost += 1
                 continue
             connection.events.append((event, connection.lost))
-            connection.event_bytes, connection.lost = kept, 0
+            connection.event_bytes, connection.lost = size, 0
             if not connection.out:
                 self._later(connection, _PAUSE)
 

@@ -77,7 +77,7 @@ class Host(Protocol):
     def unwatch(self, fileno: int) -> None:
         """Stop watching a descriptor that will be closed."""
 
-    def note(self, level: int, part: str, function: str, what: str, about: str) -> None:
+    def note(self, level: int, part: str, function: str, event: str, about: str) -> None:
         """Write a line to the log."""
 
     def wake_at(self, seconds: float, call: Callable[[], None]) -> None:

@@ -89,13 +89,13 @@ class DiscoveryServer(ServerTransport):
         self.port = port
         self.faults = 0
         # Not TLS: a client that searches would use plain TCP there.
-        found = [
+        network_transports = [
             each for each in transports
             if isinstance(each, (UdpServer, TcpServer)) and not isinstance(each, TlsServer)
         ]  # fmt: skip
         # Clients that use only the first address use UDP over IPv4.
         self._servers = sorted(
-            found,
+            network_transports,
             key=lambda server: (
                 server.kind != "UDP",
                 family_of(server.listens_on) == socket.AF_INET6,
@@ -117,8 +117,8 @@ class DiscoveryServer(ServerTransport):
         try:
             sock = _reusing_socket("0.0.0.0", self.port)
         except OSError as error:
-            said = bind_trouble("UDP", self.port, error, "--discovery")
-            raise TransportError(error.errno, said) from error
+            reason = bind_trouble("UDP", self.port, error, "--discovery")
+            raise TransportError(error.errno, reason) from error
         self.port = sock.getsockname()[1]
         self._group = sock
         self._host = host
@@ -158,16 +158,16 @@ class DiscoveryServer(ServerTransport):
 
     def _scan_interfaces(self) -> None:
         """Join the group on new interfaces, and leave those that were removed."""
-        found = addresses.ipv4_by_interface()
+        by_interface = addresses.ipv4_by_interface()
         if sys.platform != "linux":
-            found = {"default": "0.0.0.0"}
-        for name in [name for name, ip in self._joined.items() if found.get(name) != ip]:
+            by_interface = {"default": "0.0.0.0"}
+        for name in [name for name, ip in self._joined.items() if by_interface.get(name) != ip]:
             del self._joined[name]
             if name in self._own:
                 sock = self._own.pop(name)[1]
                 self._host.unwatch(sock.fileno())
                 sock.close()
-        for name, ip in found.items():
+        for name, ip in by_interface.items():
             # Joined ones too: an interface that was away meanwhile is not a member any more.
             trouble = self._join(ip)
             if trouble is None:
@@ -187,9 +187,9 @@ class DiscoveryServer(ServerTransport):
         """Join the group at an address; return why it failed, None if it is joined."""
         if self._group is None:
             return "closed"
-        both = socket.inet_aton(GROUP) + socket.inet_aton(ip)
+        membership = socket.inet_aton(GROUP) + socket.inet_aton(ip)
         try:
-            self._group.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, both)
+            self._group.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
         except OSError as error:
             if error.errno != errno.EADDRINUSE:  # joined already, with another address
                 return error.strerror or str(error)
@@ -265,29 +265,29 @@ class DiscoveryServer(ServerTransport):
 
     def locators(self, client: Address) -> list[tuple[bytes, int]]:
         """Return the agent's addresses that the asking board can reach."""
-        here = addresses.own_address((client[0], client[1]))
-        if here is None:
+        own_address = addresses.own_address((client[0], client[1]))
+        if own_address is None:
             return []
-        local = here.startswith("127.") or client[0] == here
-        found: list[tuple[bytes, int]] = []
+        local = own_address.startswith("127.") or client[0] == own_address
+        entries: list[tuple[bytes, int]] = []
         for server in self._servers:
-            address = self._address_of(server.listens_on, here, local)
+            address = self._address_of(server.listens_on, own_address, local)
             if address is not None and not addresses.is_link_local(address):
                 locator = socket.inet_pton(family_of(address), address), server.port
-                if locator not in found:
-                    found.append(locator)
-        return found[:MAX_LOCATORS]
+                if locator not in entries:
+                    entries.append(locator)
+        return entries[:MAX_LOCATORS]
 
-    def _address_of(self, listens_on: str, here: str, local: bool) -> str | None:
+    def _address_of(self, listens_on: str, own_address: str, local: bool) -> str | None:
         """Return the address for a board that reaches this machine at ``here``, or None."""
         if listens_on in ("0.0.0.0", ""):
-            return here
+            return own_address
         if listens_on != "::":
             for_all = not listens_on.startswith("127.") and listens_on != "::1"
             return listens_on if for_all or local else None
-        if here.startswith("127."):
+        if own_address.startswith("127."):
             return "::1"
-        names = [name for name, ip in addresses.ipv4_by_interface().items() if ip == here]
+        names = [name for name, ip in addresses.ipv4_by_interface().items() if ip == own_address]
         return addresses.ipv6_of(names[0] if names else None)
 
     # --- the rest of a transport: it has no peers -------------------------------------

@@ -70,8 +70,8 @@ def _network(address: Address) -> str:
     host = str(address[0]).partition("%")[0]
     if ":" not in host:
         return host
-    one = IPv6Address(host)
-    return str(one.ipv4_mapped or int(one) >> 64)
+    ipv6 = IPv6Address(host)
+    return str(ipv6.ipv4_mapped or int(ipv6) >> 64)
 
 
 def is_client_hello(chunk: bytes) -> bool:
@@ -207,8 +207,8 @@ class TcpServer(ServerTransport):
         if self._sweeping:
             self._host.wake_at(_SWEEP_SECONDS, self._sweep)
 
-    def _note(self, what: str, about: str, address: Address) -> None:
-        self._host.note(WARNING, self.name, "tcp", what, f"address: {text_of(address)}, {about}")
+    def _note(self, event: str, about: str, address: Address) -> None:
+        self._host.note(WARNING, self.name, "tcp", event, f"address: {text_of(address)}, {about}")
 
     def _ready(self, connection: _Connection) -> None:
         if connection.unsent:

@@ -95,9 +95,15 @@ class TlsServer(TcpServer):
         self._time_limit.available(host.clock.monotonic())
         self._faults = RateLimit(FAULT_SECONDS, FAULT_BURST, host.clock.monotonic)
         files = self._certificates
-        who = f"with a certificate of {files.ca}" if files.ca else "anybody (--tls-ca restricts)"
+        admitted = (
+            f"with a certificate of {files.ca}" if files.ca else "anybody (--tls-ca restricts)"
+        )
         host.note(
-            INFO, self.name, "tls", "TLS 1.2 or later", f"certificate: {files.cert}, clients: {who}"
+            INFO,
+            self.name,
+            "tls",
+            "TLS 1.2 or later",
+            f"certificate: {files.cert}, clients: {admitted}",
         )
         doubt = files.doubt()
         if doubt:
@@ -134,10 +140,10 @@ class TlsServer(TcpServer):
 
     def _seconds_left(self, now: float) -> float:
         """Return the seconds that handshakes may take now."""
-        left = self._time_limit.available(now)
-        if left >= _SAVED or len(self._spent) > _REMEMBERED:
+        seconds = self._time_limit.available(now)
+        if seconds >= _SAVED or len(self._spent) > _REMEMBERED:
             self._spent.clear()  # there is time for all: earlier use does not matter any more
-        return left
+        return seconds
 
     def _resume(self) -> None:
         """Continue waiting handshakes, the network with the least time used first."""
@@ -190,8 +196,10 @@ class TlsServer(TcpServer):
 
     def _look(self) -> None:
         """Drop handshakes that take too long."""
-        late = self._host.clock.monotonic() - HANDSHAKE_SECONDS
-        slow = [connection for connection, since in self._shaking.items() if since <= late]
+        expired_before = self._host.clock.monotonic() - HANDSHAKE_SECONDS
+        slow = [
+            connection for connection, since in self._shaking.items() if since <= expired_before
+        ]
         for connection in slow:
             self._fault(
                 connection, f"no handshake within {HANDSHAKE_SECONDS:.0f} s: the line is slow, or"
@@ -266,10 +274,10 @@ class TlsServer(TcpServer):
         self._tell("no TLS connection", why, f"address: {text_of(connection.address)}, ")
         self._drop(connection)
 
-    def _tell(self, what: str, why: str, where: str = "") -> None:
+    def _tell(self, event: str, why: str, where: str = "") -> None:
         times = self._faults.times(why)
         if times is not None:
-            self._host.note(WARNING, self.name, "tls", what, f"{where}{why}{times}")
+            self._host.note(WARNING, self.name, "tls", event, f"{where}{why}{times}")
 
     def _drop(self, connection: Any) -> None:
         self._shaking.pop(connection, None)
@@ -300,12 +308,12 @@ def _name_in(certificate: Any) -> str:
     """
     if not certificate:
         return ""
-    found = [value for part in certificate.get("subject", ()) for key, value in part
+    names = [value for part in certificate.get("subject", ()) for key, value in part
              if key == "commonName"]  # fmt: skip
-    found += [value for kind, value in certificate.get("subjectAltName", ()) if kind == "DNS"]
-    if not found:
+    names += [value for kind, value in certificate.get("subjectAltName", ()) if kind == "DNS"]
+    if not names:
         return "?"
-    name = found[0]
+    name = names[0]
     if len(name) > _MAX_CN:
         name = f"{name[: _MAX_CN - 17]}-{hashlib.sha256(name.encode()).hexdigest()[:16]}"
     return quote(name, safe=" @")

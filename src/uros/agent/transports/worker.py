@@ -166,10 +166,10 @@ class Worker:
 
     # --- the line's threads ----------------------------------------------------------------
 
-    def post(self, it: Callable[[], None] | tuple[Any]) -> None:
+    def post(self, item: Callable[[], None] | tuple[Any]) -> None:
         """Call a function in the server's thread; thread-safe."""
         with self._change:
-            self._come.append(it)
+            self._come.append(item)
         self._poke()
 
     def _read(self) -> None:

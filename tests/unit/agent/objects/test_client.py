@@ -314,7 +314,7 @@ def test_truncated_creations_do_no_harm(board, cut):
     kind, flags, payload = topic()
     board.ask(participant())
     board.send((kind, flags, payload[:-cut]))
-    board.got(ids.STATUS)
+    board.payloads(ids.STATUS)
     assert board.ask(topic(oid(2, 2))) == [OK]
 
 
@@ -461,7 +461,7 @@ def test_unlimited_reading(pair):
     first, second = pair
     second.send(read_data(READER, request=77))
     publish(first, second, *[bytes([i]) * 4 for i in range(50)])
-    payloads = second.got(ids.DATA)
+    payloads = second.payloads(ids.DATA)
     assert payloads == [b"\0\x4d\0\x16" + bytes([i]) * 4 for i in range(50)]
 
 
@@ -482,14 +482,14 @@ def test_max_samples_ends_a_delivery_and_a_new_request_goes_on(pair):
     assert second.samples() == [b"a", b"b"]
     second.send(read_data(READER, control=(2, 0, 0, 0), request=2))
     publish(first, second, b"d", b"e")
-    assert [item[:2] + item[4:] for item in second.got(ids.DATA)] == [b"\0\2c", b"\0\2d"]
+    assert [item[:2] + item[4:] for item in second.payloads(ids.DATA)] == [b"\0\2c", b"\0\2d"]
 
 
 def test_a_request_replaces_the_one_before(pair):
     first, second = pair
     second.send(read_data(READER, request=1), read_data(READER, 1, request=2))
     publish(first, second, b"a")
-    assert second.got(ids.DATA) == [b"\0\2\0\x16a"]
+    assert second.payloads(ids.DATA) == [b"\0\2\0\x16a"]
 
 
 def test_cancelling_is_confirmed_on_the_best_effort_stream(pair):
@@ -634,12 +634,12 @@ def test_a_service_across_two_clients():
         body = struct.pack("<II", number, 1)
         asker.send(write_data(REQUESTER, body, request=0x1000 + number))
         server.settle()
-        (request,) = server.got(ids.DATA)
+        (request,) = server.payloads(ids.DATA)
         assert request[:4] == b"\0\3\0\x18" and request[28:] == body
         answer = struct.pack("<I", number + 1)
         server.send(write_data(REPLIER, request[4:28] + answer))
         server.settle()
-        (reply,) = asker.got(ids.DATA)
+        (reply,) = asker.payloads(ids.DATA)
         assert reply[:4] == b"\0\4\0\x17"
         assert reply[4:] == (0x1000 + number).to_bytes(2, "big") + b"\0\x17" + answer
     desk.close()
@@ -653,14 +653,14 @@ def test_replies_reach_their_requester_alone_in_any_order():
     asker.send(write_data(REQUESTER, b"1234", request=1))
     asker.send(write_data(REQUESTER, b"5678", request=2))
     server.settle()
-    requests = server.got(ids.DATA)
+    requests = server.payloads(ids.DATA)
     for request in reversed(requests):
         server.send(write_data(REPLIER, request[4:28] + b"re: " + request[28:]))
     server.settle()
-    assert [item[4:6] + item[8:] for item in asker.got(ids.DATA)] == [
+    assert [item[4:6] + item[8:] for item in asker.payloads(ids.DATA)] == [
         b"\0\2re: 5678", b"\0\1re: 1234"
     ]  # fmt: skip
-    assert other_client.got(ids.DATA) == []
+    assert other_client.payloads(ids.DATA) == []
     desk.close()
 
 
@@ -674,11 +674,11 @@ def test_replies_to_other_requesters_do_not_hide_its_own_reply():
     asker.send(write_data(REQUESTER, b"mine"))
     server.settle()
     asker.send(read_data(REQUESTER, control=(0, 0, 0, 0)))
-    for request in server.got(ids.DATA):
+    for request in server.payloads(ids.DATA):
         server.send(write_data(REPLIER, request[4:28] + b"re: " + request[28:]))
-    asker.got(ids.DATA)
+    asker.payloads(ids.DATA)
     asker.send(read_data(REQUESTER, control=None))
-    assert [item[8:] for item in asker.got(ids.DATA)] == [b"re: mine"]
+    assert [item[8:] for item in asker.payloads(ids.DATA)] == [b"re: mine"]
     desk.close()
 
 
@@ -688,12 +688,12 @@ def test_a_second_reply_to_one_request_does_not_hide_the_next_reply():
     for request in (1, 2):
         asker.send(write_data(REQUESTER, b"ask!", request=request))
     server.settle()
-    first, second = server.got(ids.DATA)
+    first, second = server.payloads(ids.DATA)
     for request in (first, first, second):
         server.send(write_data(REPLIER, request[4:28] + b"answer"))
     for number in (1, 2):
         asker.send(read_data(REQUESTER, control=None))
-        (reply,) = asker.got(ids.DATA)
+        (reply,) = asker.payloads(ids.DATA)
         assert reply[4:6] == number.to_bytes(2, "big")
     desk.close()
 
@@ -719,7 +719,7 @@ def test_malformed_replies_are_logged_and_the_service_goes_on(body):
     assert "deserialization error" in desk.log()
     asker.send(write_data(REQUESTER, b"ask!"))
     server.settle()
-    assert len(server.got(ids.DATA)) == 1
+    assert len(server.payloads(ids.DATA)) == 1
     desk.close()
 
 
@@ -742,7 +742,7 @@ def test_a_middleware_error_of_a_request_is_a_fault_and_a_status():
 @pytest.mark.parametrize("stream", [0, 1, 0x80])
 def test_get_info_within_a_session(board, stream):
     board.send(get_info(request=0x0708), stream=stream)
-    (info,) = board.got(ids.INFO)
+    (info,) = board.payloads(ids.INFO)
     request, object_id, status, info_mask, _ = session.pull_info(Reader(info, 0, len(info)))
     assert (request, object_id, status, info_mask) == (0x0708, ids.OBJECT_AGENT, OK, 1)
 
@@ -750,7 +750,7 @@ def test_get_info_within_a_session(board, stream):
 def test_timestamp(board):
     before = time.time_ns()
     board.send(sub(ids.TIMESTAMP, struct.pack("<II", 12, 345)), stream=0)
-    (reply,) = board.got(ids.TIMESTAMP_REPLY)
+    (reply,) = board.payloads(ids.TIMESTAMP_REPLY)
     transmit, receive, originate = session.pull_timestamp_reply(Reader(reply, 0, len(reply)))
     assert originate == (12, 345)
     times = [seconds * 1_000_000_000 + ns for seconds, ns in (receive, transmit)]

@@ -60,7 +60,7 @@ def test_performance_is_not_for_an_agent(board):
 def test_performance_of_a_c_client_is_a_timestamp(board):
     """Built with PERFORMANCE_TESTING, a C client sends 14, which is TIMESTAMP: it gets a reply."""
     board.send(sub(14, struct.pack("<II", 77, 0) + b"echo me", flags=3), stream=0)
-    (reply,) = board.got(ids.TIMESTAMP_REPLY)
+    (reply,) = board.payloads(ids.TIMESTAMP_REPLY)
     assert session.pull_timestamp_reply(Reader(reply, 0, len(reply)))[2] == (77, 0)
 
 
@@ -73,7 +73,7 @@ LONG = "x" * 240
 def ask_info(board, object_id, mask=BOTH, request=0x0A0B, stream=0x80):
     payload = helpers.built(session.push_get_info, request, object_id, mask)
     board.send(sub(ids.GET_INFO, payload), stream=stream)
-    (info,) = board.got(ids.INFO)
+    (info,) = board.payloads(ids.INFO)
     r = Reader(info, 0, len(info))
     assert session.pull_status(r)[:2] == (request, object_id)
     return info[4], info[5], r
@@ -238,7 +238,7 @@ def test_any_get_info_gets_an_answer_or_is_a_fault(payload, stream):
     board = Board(desk)
     board.ask(*publisher_entities())
     board.send(sub(ids.GET_INFO, payload), stream=stream)
-    assert len(board.got(ids.INFO)) == (len(payload) >= 8)
+    assert len(board.payloads(ids.INFO)) == (len(payload) >= 8)
     desk.close()
 
 
@@ -255,6 +255,6 @@ def test_long_answers_without_acknowledgement_take_bounded_memory(desk, monkeypa
     assert 10_000 < held_bytes < 13_000
     assert "over 10000 bytes of answers are not acknowledged" in desk.log()
     board.acknowledge()
-    assert len(board.got(ids.INFO)) == 5
+    assert len(board.payloads(ids.INFO)) == 5
     board.send(sub(ids.GET_INFO, payload))
-    assert len(board.got(ids.INFO)) == 1
+    assert len(board.payloads(ids.INFO)) == 1

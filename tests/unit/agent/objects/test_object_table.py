@@ -436,7 +436,7 @@ def test_write_data_in_other_formats_is_refused_and_the_other_samples_are_writte
             topic(oid(2, 2), flags=REPLACE),
             stream=stream,
         )
-        statuses = board.got(ids.STATUS)
+        statuses = board.payloads(ids.STATUS)
         expected = bytes.fromhex("0708") + object_id.to_bytes(2, "big") + bytes((INVALID, 0))
         assert statuses[0] == expected and statuses[1][4] == OK
     assert not samples

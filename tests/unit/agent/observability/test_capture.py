@@ -110,7 +110,7 @@ def test_a_capture_is_readable_by_its_owner_alone(name, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["it.jsonl", "it.pcapng"])
-def test_escapes_in_the_name_of_a_peer_are_escaped_again(name, tmp_path):
+def test_control_characters_in_the_name_of_a_peer_are_escaped(name, tmp_path):
     """The name in a client's certificate is shown in this way too."""
     desk = Desk(tmp_path / name)
     desk.say(peer="192.0.2.7:1 (CN=\x1b[2J\r\n\u202eleft\udc80)")

@@ -80,12 +80,12 @@ def test_requests_and_replies_to_the_byte(size):
     body = pattern(size - 4)
     send(asker, as_c_clients(write_data(REQUESTER, body, request=0x1234)))
     server.settle()
-    (request,) = server.got(ids.DATA)
+    (request,) = server.payloads(ids.DATA)
     assert request[28:] == body
     answer = pattern(size - 28)
     send(server, as_c_clients(write_data(REPLIER, request[4:28] + answer)))
     asker.settle()
-    (reply,) = asker.got(ids.DATA)
+    (reply,) = asker.payloads(ids.DATA)
     assert reply[4:8] == bytes.fromhex("1234 0017")
     assert reply[8:] == answer
     desk.close()

@@ -486,7 +486,7 @@ def test_any_datagrams(datagrams):
         agent_run.ask(GROUP)
 
 
-def test_no_datagram_is_sent_to_an_invalid_address():
+def test_send_of_the_discovery_server_does_nothing():
     server = DiscoveryServer([])
     server.send(("127.0.0.1", 9), b"x")
     assert server.address(("127.0.0.1", 9)) == "127.0.0.1:9" and server.sessions == {}
