@@ -102,7 +102,7 @@ def test_errors_are_one_line(kind, monkeypatch, capsys):
     assert capsys.readouterr().err == "uros: it does not work: do this\n"
 
 
-def test_faults_of_our_own_keep_their_traceback(monkeypatch):
+def test_internal_errors_keep_their_traceback(monkeypatch):
     def fail(args):
         raise KeyError("a bug")
 
@@ -135,7 +135,7 @@ def print_to(stdout):
     return done.returncode, done.stderr
 
 
-def test_nobody_reads_the_output():
+def test_a_closed_output():
     read_end, write_end = os.pipe()
     os.close(read_end)
     assert print_to(write_end) == (141, "")
@@ -188,7 +188,7 @@ def test_ros_args(arguments, kept):
 
 
 @pytest.mark.parametrize("name", ["MicroXRCEAgent", "micro_ros_agent"])
-def test_the_agent_by_its_other_names(name, monkeypatch, capsys):
+def test_the_aliases_of_the_agent(name, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", [f"/usr/bin/{name}", "--help", "--ros-args", "--log-level"])
     assert cli.agent_main() == 0
     assert f"usage: {name} " in capsys.readouterr().out
@@ -197,7 +197,7 @@ def test_the_agent_by_its_other_names(name, monkeypatch, capsys):
 @pytest.mark.parametrize("closed", ["0", "1", "2", "012"])
 def test_started_without_standard_streams(closed):
     """As a careless daemon does, or ``>&-``: no socket may become standard output."""
-    away = " ".join(f"{it}>&-" for it in closed)
+    away = " ".join(f"{descriptor}>&-" for descriptor in closed)
     done = subprocess.run(
         f'exec "{sys.executable}" -m uros agent udp4 -p 0 -m memory --stop-at-eof {away}',
         shell=True, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=30,
@@ -214,7 +214,7 @@ def test_started_without_standard_streams(closed):
         (["serial", "--dev", "hwgrep://["], "hwgrep://[: unterminated character set"),
     ],
 )
-def test_flags_of_the_agent_that_mean_nothing(arguments, said, capsys):
+def test_flags_of_the_agent_without_effect(arguments, said, capsys):
     assert cli.main(["agent", *arguments, "-m", "memory"]) == 1
     printed = capsys.readouterr().err
     assert printed.startswith("uros: ") and said in printed, printed

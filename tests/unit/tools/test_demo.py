@@ -28,7 +28,7 @@ def row(done, topic):
     return re.split(r" {2,}", line)[1:]
 
 
-def test_every_topic_is_heard_and_the_end_is_in_time(own_domain_id):
+def test_every_topic_is_received_until_the_time_is_over(own_domain_id):
     done = run(own_domain_id, "--seconds", "6")
     assert done.returncode == 0, done.stdout + done.stderr
     for what in ("Waiting for its topics", "Messages received over", "Every topic was received."):
@@ -47,27 +47,27 @@ def test_every_topic_is_heard_and_the_end_is_in_time(own_domain_id):
             assert re.fullmatch(r"\d+\.\d\d ms", delay), delay
 
 
-def test_a_sensor_that_is_not_there_is_told_and_not_heard(own_domain_id):
+def test_a_missing_sensor_is_reported_as_not_received(own_domain_id):
     done = run(own_domain_id, "--seconds", "5", "--fault", "sht3x:absent")
     assert done.returncode == 1
     assert "Not received: /sensors/room_temp, /sensors/humidity" in done.stderr
     assert "SHT3x read failed" in row(done, "/sensors/diagnostic")[3]
 
 
-def test_an_unknown_fault_is_refused_with_those_there_are(own_domain_id):
+def test_an_unknown_fault_is_rejected_with_the_known_ones(own_domain_id):
     done = run(own_domain_id, "--seconds", "5", "--fault", "sht3x:nonsense")
     assert done.returncode == 1
     assert "nack" in done.stderr and "Traceback" not in done.stderr
 
 
-def test_a_machine_without_pseudo_terminals_is_told():
+def test_a_machine_without_pseudo_terminals_is_an_error():
     agent = SimpleNamespace(ended=False, print_news=lambda: None)
     board = SimpleNamespace(ended=False, usb_error="no line: out of pty devices")
     with pytest.raises(ToolError, match="the board's USB: no line: out of pty devices"):
         demo._watch(None, agent, board, [], None)
 
 
-def test_delays_are_from_the_devices_last_read_before():
+def test_delays_are_from_the_last_read_of_the_device():
     reads = demo._Reads()
     for ns in (1_000_000, 5_000_000, 9_000_000):
         reads.ended(0x44, ns)

@@ -40,7 +40,7 @@ def test_a_board_is_built_with_the_definitions_of_the_distribution(tmp_path, cap
 
 
 @pytest.mark.parametrize("by", ["option", "environment"])
-def test_tools_take_the_definitions_of_the_distribution(capsys, monkeypatch, by):
+def test_tools_use_the_definitions_of_the_distribution(capsys, monkeypatch, by):
     show = ["interface", "show", "sensor_msgs/msg/Range"]
     assert cli.main(show) == 0
     assert "variance" in capsys.readouterr().out
@@ -52,7 +52,7 @@ def test_tools_take_the_definitions_of_the_distribution(capsys, monkeypatch, by)
     assert "variance" not in capsys.readouterr().out
 
 
-def test_a_name_that_is_none_is_refused_with_those_that_there_are(capsys, monkeypatch):
+def test_an_unknown_distribution_is_rejected_with_the_known_ones(capsys, monkeypatch):
     show = ["interface", "show", "sensor_msgs/msg/Range"]
     assert cli.main([*show, "--distro", "zebra"]) == 2
     assert "'zebra'; known are humble, iron, jazzy, kilted" in capsys.readouterr().err

@@ -53,7 +53,7 @@ def test_boards_of_a_file(tmp_path):
         )
     )
     first, second, third = plans
-    assert [it.title for it in plans] == [
+    assert [plan.title for plan in plans] == [
         "esp32_publisher", "esp32_publisher#2", "esp32_publisher#3",
     ]  # fmt: skip
     assert (first.seed, second.seed, third.seed) == (7, 8, 0)
@@ -91,7 +91,7 @@ ONE = '[[board]]\nrun = "esp32_publisher"\n'
         (ONE + 'namespace = "a b"', "'a b' is not a namespace"),
     ],
 )
-def test_a_file_that_is_wrong_is_told(tmp_path, text, words):
+def test_errors_of_a_file(tmp_path, text, words):
     with pytest.raises(ToolError) as caught:
         read(written(tmp_path, text))
     assert words in str(caught.value) and "hall.toml" in str(caught.value)
@@ -105,7 +105,7 @@ def test_a_file_that_cannot_be_read(tmp_path, capsys):
     assert "not a TOML file" in capsys.readouterr().err
 
 
-def test_namespaces_without_an_agent_are_refused(tmp_path, capsys):
+def test_namespaces_without_an_agent_are_rejected(tmp_path, capsys):
     file = written(tmp_path, ONE + 'namespace = "/left"')
     assert cli.main(["fleet", str(file), "--no-agent"]) == 1
     assert "namespaces need the agent" in capsys.readouterr().err
@@ -142,7 +142,7 @@ def program(tmp_path):
     return folder
 
 
-def test_several_boards_are_told_apart(tmp_path, program):
+def test_several_boards_are_distinguished_by_title(tmp_path, program):
     board = '[[board]]\nrun = "{}"\nfirmware = "hello"\n'
     names = ("esp32_publisher", "esp32_publisher", "esp32_button_led")
     file = written(tmp_path, "".join(map(board.format, names)))
@@ -160,7 +160,7 @@ def test_several_boards_are_told_apart(tmp_path, program):
         fleet.type("button:stuck")
         fleet.until("done: button:stuck; other faults of this part: button:broken")
         fleet.type("all:off")
-        missing = {f"{it}: done: all:off" for it in (*names[1:], "esp32_publisher#2")}
+        missing = {f"{name}: done: all:off" for name in (*names[1:], "esp32_publisher#2")}
         while missing:
             missing -= set(fleet.until("done: all:off"))
         fleet.type("knob:turn=3")
@@ -216,7 +216,7 @@ def test_no_folder_is_left_after_a_signal(tmp_path, program, number):
         fleet.process.communicate()
 
 
-def test_a_row_is_cut_at_the_edge_and_what_is_below_it_is_not():
+def test_a_row_is_cut_and_the_text_below_is_wrapped():
     table = [Row(["BOARD", "NODE"]), Row(["left", "-"], "led on, button pressed")]
     assert layout(table, 80) == ["BOARD  NODE", "left   -", "  led on, button pressed"]
     assert layout(table, 8) == ["BOARD  …", "left   -", "  led on, button", "  pressed"]

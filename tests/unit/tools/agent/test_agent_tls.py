@@ -37,7 +37,7 @@ def parsed(name, *args):
 
 @pytest.mark.parametrize("name", ["tcp4", "tcp6"])
 def test_options_of_tcp(folder, name):
-    cert, key, ca = (str(folder / it) for it in ("agent.pem", "agent.key", "ca.pem"))
+    cert, key, ca = (str(folder / name) for name in ("agent.pem", "agent.key", "ca.pem"))
     (plain,) = make(parsed(name))
     assert type(plain) is TcpServer
     for more in ([], ["--tls-ca", ca]):
@@ -46,13 +46,13 @@ def test_options_of_tcp(folder, name):
 
 
 @pytest.mark.parametrize("name", ["udp4", "serial", "canfd"])
-def test_no_others_have_them(name):
+def test_other_transports_have_no_tls_options(name):
     parser = argparse.ArgumentParser()
     TRANSPORTS[name].add_options(parser)
     assert "--tls" not in parser.format_help()
 
 
-def test_what_is_wrong_ends_the_agent_with_a_clear_text(folder):
+def test_invalid_certificates_end_the_agent_with_a_clear_error(folder):
     cert, key = folder / "agent.pem", folder / "agent.key"
     assert refused("tcp4", "-p", 0, "-m", "memory", "--tls-cert", cert) == (
         1, "uros: --tls-key is missing: TLS needs --tls-cert FILE and --tls-key FILE;"
@@ -66,20 +66,20 @@ def test_what_is_wrong_ends_the_agent_with_a_clear_text(folder):
     assert status == 2 and "unrecognized arguments: --tls-cert" in said
 
 
-def test_what_the_commands_of_the_page_make_works(folder):
+def test_certificates_of_the_pages_commands_work(folder):
     """Agent and board as the page has them; a board's certificate is none for an agent."""
-    cert, key, ca = (str(folder / it) for it in ("agent.pem", "agent.key", "ca.pem"))
+    cert, key, ca = (str(folder / name) for name in ("agent.pem", "agent.key", "ca.pem"))
     board = {name: str(folder / f"left.{end}") for name, end in (("cert", "pem"), ("key", "key"))}
-    with serving(RunningAgent(tls_server(0, "127.0.0.1", cert, key, ca), "memory", 0, 4)) as it:
+    with serving(RunningAgent(tls_server(0, "127.0.0.1", cert, key, ca), "memory", 0, 4)) as agent:
         for name in ("127.0.0.1", "robot.local"):
-            transport = TlsTransport("127.0.0.1", it.transport.port, ca=ca, name=name, **board)
+            transport = TlsTransport("127.0.0.1", agent.transport.port, ca=ca, name=name, **board)
             node = Node("left", transport, key=1, **QUICK)
             until(node, lambda node=node: node.state == AGENT_CONNECTED)
             node.destroy_node()
-        assert "(CN=left)" in it.said.getvalue()
+        assert "(CN=left)" in agent.said.getvalue()
     false = tls_server(0, "127.0.0.1", board["cert"], board["key"], None)
-    with serving(RunningAgent(false, "memory", 0, 4)) as it:
-        transport = TlsTransport("127.0.0.1", it.transport.port, ca=ca, **board)
+    with serving(RunningAgent(false, "memory", 0, 4)) as agent:
+        transport = TlsTransport("127.0.0.1", agent.transport.port, ca=ca, **board)
         node = Node("left", transport, key=1, **QUICK)
         until(node, lambda: node.connection.reason)
         assert "CERTIFICATE_VERIFY_FAILED" in node.connection.reason

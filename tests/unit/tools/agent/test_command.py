@@ -73,10 +73,13 @@ def test_several_serial_devices(tmp_path):
     word = parser().parse_args(["multiserial", "-D", "/dev/a /dev/b", "-b", "9600"])
     for part in (word, *parts("multiserial --devs /dev/a /dev/b -b 9600"),
                  *parts(f"multiserial -f {file} -b 9600")):  # fmt: skip
-        assert [(it.device, it._baud) for it in make(part)] == [("/dev/a", 9600), ("/dev/b", 9600)]
+        assert [(transport.device, transport._baud) for transport in make(part)] == [
+            ("/dev/a", 9600),
+            ("/dev/b", 9600),
+        ]
 
 
-def test_a_can_interface_and_the_id_that_nobody_needs():
+def test_a_can_interface_and_its_unused_id():
     (one,) = made("canfd --dev can1 --id 0x00000001")
     assert (one._device, one._interface) == ("can1", "socketcan")
     (one,) = made("canfd -D PCAN_USBBUS1 -I 5 --interface pcan")
@@ -95,7 +98,7 @@ def test_bluetooth(monkeypatch):
         made("rfcomm --address here")
 
 
-def test_a_transport_of_ones_own(tmp_path):
+def test_a_custom_transport(tmp_path):
     file = tmp_path / "mine.py"
     file.write_text(
         "class Mine:\n"
@@ -122,7 +125,7 @@ def test_every_transport_has_help(name, capsys):
 # --- options of the agent -----------------------------------------------------------------
 
 
-def test_options_stand_behind_any_transport():
+def test_options_may_follow_any_transport():
     got = options("udp4 -v 2 -r a.refs tcp4 -m memory -r b.refs serial -D x -v 6 -d")
     assert (got.verbose, got.refs, got.middleware) == (6, ["a.refs", "b.refs"], "memory")
     assert got.discovery == 7400
@@ -142,12 +145,12 @@ def test_every_middleware_has_its_name_and_those_of_the_cpp_agent():
 def test_discovery_and_its_port():
     assert options("udp4 --discovery 7401").discovery == 7401
     line = parts("udp4 -d -p 1 tcp6 -p 2")
-    servers = [it for part in line for it in make(part)]
+    servers = [transport for part in line for transport in make(part)]
     found = make_discovery(command._common(line).discovery, servers)
     assert found.port == 7400 and found._servers == servers
 
 
-def test_options_without_effect_are_taken_and_told():
+def test_options_without_effect_are_accepted_with_a_warning():
     with process("udp4", "-p", 0, "-m", "ced", "-P", 9999) as one:
         said = one.until(r"warning +\| Root .*\| option ignored +\| (.*)")[1]
         assert said.startswith("--p2p is not supported")
@@ -155,7 +158,7 @@ def test_options_without_effect_are_taken_and_told():
 
 
 @pytest.mark.parametrize("text, domain", [(None, 0), ("", 0), ("7", 7)])
-def test_the_domain_for_boards_that_leave_it_to_the_agent(text, domain, monkeypatch):
+def test_the_domain_of_the_agent_for_boards_that_ask_for_255(text, domain, monkeypatch):
     monkeypatch.setenv("ROS_DOMAIN_ID", "42")  # which is for tools: boards ask for theirs
     monkeypatch.delenv("XRCE_DOMAIN_ID_OVERRIDE", raising=False)
     if text is not None:
@@ -168,7 +171,7 @@ def test_the_domain_for_boards_that_leave_it_to_the_agent(text, domain, monkeypa
 
 
 @pytest.mark.parametrize("group", command._GROUPS, ids=lambda group: group._title or "general")
-def test_each_group_has_a_default_for_each_of_its_options_and_no_other(group):
+def test_each_group_has_defaults_for_exactly_its_options(group):
     common = argparse.ArgumentParser(add_help=False)
     group.declare(common)
     assert {action.dest for action in common._actions} == set(group.defaults)
@@ -191,7 +194,7 @@ def test_each_group_has_a_default_for_each_of_its_options_and_no_other(group):
         (["udp4", "-m", "ddss"], "; did you mean 'dds'?"),
     ],
 )
-def test_a_missing_or_wrong_transport_names_those_there_are(arguments, said, capsys):
+def test_a_missing_or_unknown_transport_lists_the_known_ones(arguments, said, capsys):
     assert cli.main(["agent", *arguments]) == 2
     printed = capsys.readouterr()
     assert said in printed.err and printed.out == ""

@@ -81,7 +81,7 @@ def test_the_page():
     assert "\n".join(page(snapshot(), width=120)) == PAGE
 
 
-def test_each_board_with_all_it_has():
+def test_the_endpoints_of_each_board():
     assert "\n".join(page(snapshot(), verbose=True, width=120)).endswith(
         """
 0x4B0CBE99: session 0x81, UDPv4Agent, MTU 512, for 20 s; 1 participant, 2 topics
@@ -94,7 +94,7 @@ def test_each_board_with_all_it_has():
     )
 
 
-def test_rates_are_between_two_looks():
+def test_rates_are_between_two_snapshots():
     before = snapshot()
     after = snapshot(uptime=7502.0, cpu=12.5, clients=[client(received=120, sent=51, age=22.0)])
     text = "\n".join(page(after, before, width=120))
@@ -110,7 +110,7 @@ def test_rates_are_between_two_looks():
 def test_no_line_is_wider_than_the_terminal(width, verbose):
     for lines in (
         page(snapshot(), None, verbose, width),
-        page(snapshot(clients=[client(f"0x{it:08X}") for it in range(9)]), None, verbose, width),
+        page(snapshot(clients=[client(f"0x{key:08X}") for key in range(9)]), None, verbose, width),
         page(snapshot(clients=[], refused=[]), None, verbose, width),
     ):
         assert max(map(len, lines)) <= width or width < 80
@@ -118,7 +118,7 @@ def test_no_line_is_wider_than_the_terminal(width, verbose):
 
 def test_on_a_narrow_terminal_the_nodes_stand_below():
     lines = page(snapshot(), width=80)
-    at = next(it for it, line in enumerate(lines) if line.startswith("0x4B0CBE99"))
+    at = next(number for number, line in enumerate(lines) if line.startswith("0x4B0CBE99"))
     assert lines[at + 1] == "  /left/a_board_of_the_hall@3"
     assert "192.168.100.107:2018" in lines[at]
 
@@ -160,7 +160,7 @@ def test_bytes(count, text):
 def test_every_refusal_has_its_remedy(why):
     refused = [{"key": "0x01", "why": why, "address": "a", "times": 1, "ago": 0.0}]
     lines = page(snapshot(refused=refused), width=1000)
-    (remedy,) = [it for it in lines if it.startswith(f"  {why}: ")]
+    (remedy,) = [line for line in lines if line.startswith(f"  {why}: ")]
     assert len(remedy) > len(why) + 20
 
 
@@ -209,7 +209,7 @@ def test_status_of_a_running_agent_and_of_one_of_two():
         assert first.end() == 0
 
 
-def test_watching_shows_it_again_until_the_agent_ends():
+def test_watch_prints_the_state_repeatedly_until_the_agent_ends():
     with process("udp4", "-p", 0, "-m", "memory") as one:
         one.until("status socket open")
         watching = subprocess.Popen(
@@ -232,13 +232,13 @@ def test_watching_shows_it_again_until_the_agent_ends():
             watching.communicate()
 
 
-def test_where_no_agent_runs_it_says_what_to_do(monkeypatch):
+def test_without_an_agent_the_error_has_the_remedy(monkeypatch):
     monkeypatch.setattr(status_socket, "folders", list)
     with pytest.raises(ToolError, match="no uros agent runs here .*: start one, such as"):
         command.run(parser().parse_args(["status"]))
 
 
-def test_where_several_agents_run_each_is_named_with_its_transports(monkeypatch):
+def test_several_agents_are_listed_with_their_transports(monkeypatch):
     agents = [running_agents.RunningAgent(pid, Path("x")) for pid in (41, 42)]
 
     def ask(agent, question):
@@ -265,7 +265,7 @@ def test_no_inspection_leaves_no_socket():
         assert "status socket open" not in one.text and not path.exists()
 
 
-def test_status_is_no_transport_among_others():
+def test_status_cannot_be_combined_with_transports():
     with pytest.raises(ToolError, match="status is not a transport"):
         command.run(parser().parse_args(["udp4", "-p", "0", "status"]))
     with pytest.raises(SystemExit):
@@ -284,13 +284,13 @@ def test_addresses_for_metrics(text, address):
 
 
 @pytest.mark.parametrize("text", ["", "x", "65536", ":80", "host:", "-1", "1e3", "9" * 5000])
-def test_what_is_no_address_for_metrics(text, capsys):
+def test_invalid_addresses_for_metrics(text, capsys):
     with pytest.raises(SystemExit):
         parser().parse_args(["udp4", f"--metrics={text}"])
     assert "is not an address, such as 9100" in capsys.readouterr().err
 
 
-def test_the_help_of_the_agent_tells_of_it(capsys):
+def test_the_help_of_the_agent_mentions_status(capsys):
     with pytest.raises(SystemExit):
         parser().parse_args(["--help"])
     assert "uros agent status" in capsys.readouterr().out

@@ -18,7 +18,7 @@ from uros.tools import cli
 # Something of each board's own.
 OF = {
     **dict.fromkeys(BOARDS, "led0:dead"),
-    **dict.fromkeys((it for it in BOARDS if it.startswith("esp32")), "22 LED"),
+    **dict.fromkeys((name for name in BOARDS if name.startswith("esp32")), "22 LED"),
     "ra6m5_sensor_node": "sht3x:crc",
     "ra6m5_usb_text": "P414 I2C2 SDA",
     "esp32_button_led": "button:tap",
@@ -68,9 +68,9 @@ def run():
         return started[-1]
 
     yield start
-    for it in started:
-        it.process.kill()
-        it.process.communicate()
+    for running in started:
+        running.process.kill()
+        running.process.communicate()
 
 
 def program(folder, text):
@@ -117,7 +117,7 @@ def test_list(capsys):
     lines = capsys.readouterr().out.splitlines()
     assert max(map(len, lines)) <= 100
     for spec in BOARDS.values():
-        (at,) = [it for it, line in enumerate(lines) if line.split()[:1] == [spec.name]]
+        (at,) = [number for number, line in enumerate(lines) if line.split()[:1] == [spec.name]]
         assert lines[at].endswith(spec.text)
         heading = next(line for line in reversed(lines[:at]) if line[:1] not in (" ", ""))
         assert heading == f"{spec.mcu}:"
@@ -130,8 +130,8 @@ def test_list_one(capsys, name):
     out = capsys.readouterr().out
     assert os.path.join("firmware", BOARDS[name].firmware) in out
     words = [BOARDS[name].mcu, *BOARDS[name].ports, "usb:unplug", "usb:plug", "LED", OF[name]]
-    for it in words:
-        assert it in out
+    for word in words:
+        assert word in out
 
 
 @pytest.mark.parametrize("verb", ["list", "run"])
@@ -145,7 +145,7 @@ def test_unknown_names(capsys, verb, name, words):
     assert error.startswith(f"uros: there is no board '{name}'") and words in error
 
 
-def test_a_board_tells_what_it_does_and_obeys(run, tmp_path):
+def test_a_board_prints_its_state_and_executes_commands(run, tmp_path):
     link = tmp_path / "tty"
     board = run(
         "ra6m5_sensor_node", "--firmware", program(tmp_path, LOOP), "--link", link,
@@ -194,7 +194,7 @@ print("level", level.height)
 """
 
 
-def test_a_program_with_types_of_its_own(run, tmp_path):
+def test_a_program_with_custom_types(run, tmp_path):
     file = tmp_path / "board_run_msgs" / "msg" / "Level.msg"
     file.parent.mkdir(parents=True)
     file.write_text("float32 height\n")
@@ -214,7 +214,7 @@ def test_a_program_with_types_of_its_own(run, tmp_path):
 
 @pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="not on this platform: needs pidfd_open")
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
-def test_nothing_is_left_however_it_ends(run, tmp_path, number):
+def test_no_process_or_folder_is_left_after_any_end(run, tmp_path, number):
     link = tmp_path / "tty"
     board = run("ra6m5_sensor_node", "--firmware", program(tmp_path, LOOP), "--link", link)
     board.until("USB configured")
@@ -240,7 +240,7 @@ def test_a_board_with_its_agent(run, own_domain_id):
 
 
 @pytest.mark.parametrize(("domain", "words"), [("0", ""), ("82", " --domain 82")])
-def test_the_sensor_node_is_for_an_agent(run, domain, words):
+def test_the_sensor_node_needs_an_agent(run, domain, words):
     board = run("ra6m5_sensor_node", "--no-agent", env=dict(os.environ, ROS_DOMAIN_ID=domain))
     path = board.until("USB line")[0].rsplit(" ", 1)[1]
     assert board.until("next")[-1].endswith(f": uros agent serial --dev {path}{words}")
@@ -256,7 +256,7 @@ def test_the_sensor_node_is_for_an_agent(run, domain, words):
         (["--engine", "micropython"], "npm install"),
     ],
 )
-def test_what_cannot_run_is_one_line(run, tmp_path, arguments, words):
+def test_boards_that_cannot_run_have_an_error_of_one_line(run, tmp_path, arguments, words):
     board = run(
         "ra6m5_sensor_node", *arguments, env=dict(os.environ, UROS_MICROPYTHON=str(tmp_path))
     )
@@ -309,7 +309,7 @@ SCRIPT = "python3 scripts/env.py micropython"
         ("my place", True, f"names that folder), or unset UROS_MICROPYTHON and: {SCRIPT}"),
     ],
 )
-def test_what_installs_micropython(elsewhere, monkeypatch, named, clone, words):
+def test_the_installation_of_micropython(elsewhere, monkeypatch, named, clone, words):
     if named:
         monkeypatch.setenv("UROS_MICROPYTHON", named)
     if clone:

@@ -56,7 +56,7 @@ def test_help_is_cheap():
 
 
 @pytest.mark.parametrize("name", BOARDS)
-def test_a_board_by_its_name(name, tmp_path, capsys):
+def test_a_program_by_the_name_of_its_board(name, tmp_path, capsys):
     out = tmp_path / "deep" / "out"
     assert cli.main(["board", "build", name, str(out)]) == 0
     made = files(out)
@@ -71,7 +71,7 @@ def test_a_board_by_its_name(name, tmp_path, capsys):
     assert printed.err == ""
 
 
-def test_a_folder_and_what_the_options_change(program, tmp_path, monkeypatch, capsys):
+def test_a_folder_and_the_effect_of_options(program, tmp_path, monkeypatch, capsys):
     folder = program(PROGRAM)
     monkeypatch.chdir(tmp_path)
     made = {}
@@ -91,8 +91,8 @@ def test_a_folder_and_what_the_options_change(program, tmp_path, monkeypatch, ca
     assert made["text"]["main.py"] == (folder / "main.py").read_bytes()
 
 
-@pytest.mark.parametrize("name", [it.name for it in PASSES])
-def test_each_pass_can_be_left_out(name, program, tmp_path, capsys):
+@pytest.mark.parametrize("name", [build_pass.name for build_pass in PASSES])
+def test_each_pass_can_be_skipped(name, program, tmp_path, capsys):
     text = "from app import node\n"
     folder = program(text)
     (folder / "app.py").write_text(
@@ -116,11 +116,13 @@ def test_each_pass_can_be_left_out(name, program, tmp_path, capsys):
 def test_the_passes_are_in_the_help(capsys):
     assert cli.main(["board", "build", "--help"]) == 0
     out = capsys.readouterr().out
-    for it in PASSES:
-        assert re.search(rf"^  {it.name} +{re.escape(it.purpose)}", out, re.MULTILINE)
+    for build_pass in PASSES:
+        assert re.search(
+            rf"^  {build_pass.name} +{re.escape(build_pass.purpose)}", out, re.MULTILINE
+        )
 
 
-def test_a_pass_that_is_not_there(program, tmp_path, capsys):
+def test_an_unknown_pass(program, tmp_path, capsys):
     options = ["--without", "bundle", "--without", "bundel"]
     assert cli.main(["board", "build", str(program("pass")), str(tmp_path / "out"), *options]) == 1
     error = capsys.readouterr().err
@@ -128,13 +130,13 @@ def test_a_pass_that_is_not_there(program, tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
-def test_a_name_that_the_shell_would_take_apart_is_quoted(program, tmp_path, capsys):
+def test_a_name_with_spaces_is_quoted_for_the_shell(program, tmp_path, capsys):
     out = tmp_path / "my board"
     assert cli.main(["board", "build", str(program("pass")), str(out)]) == 0
     assert f"cp -r '{out}'/* :" in capsys.readouterr().out
 
 
-def test_interfaces_of_ones_own(program, tmp_path, capsys):
+def test_custom_interfaces(program, tmp_path, capsys):
     types = tmp_path / "valve_msgs" / "msg"
     types.mkdir(parents=True)
     (types / "Valve.msg").write_text("int8 position\n")
@@ -158,7 +160,7 @@ def refusal(capsys, *arguments):
     return printed.err[len("uros: ") :]
 
 
-def test_what_is_neither_board_nor_folder(tmp_path, capsys):
+def test_a_name_that_is_neither_board_nor_folder(tmp_path, capsys):
     said = refusal(capsys, "ra6m5_sensor_nod", tmp_path / "out")
     assert said.startswith("there is no board or folder 'ra6m5_sensor_nod'; did you mean 'ra6m5_s")
     said = refusal(capsys, "x", tmp_path / "out")
@@ -177,7 +179,7 @@ def test_a_program_that_cannot_be_built(program, tmp_path, capsys, line):
     assert not (tmp_path / "out").exists()
 
 
-def test_places_that_cannot_be_written(program, tmp_path, capsys):
+def test_folders_that_cannot_be_written(program, tmp_path, capsys):
     folder = program("pass")
     assert "holds something else" in refusal(capsys, folder, tmp_path)
     file = tmp_path / "file"
@@ -190,9 +192,7 @@ def test_bad_command_lines(capsys):
     assert capsys.readouterr().err.startswith("usage: uros board build")
 
 
-def test_a_misspelt_field_is_refused_by_its_place_and_with_the_name_that_was_meant(
-    program, tmp_path, capsys
-):
+def test_a_misspelt_field_is_rejected_with_its_place_and_similar_names(program, tmp_path, capsys):
     folder = program("from std_msgs.msg import Int32\nm = Int32()\nm.dta = 1\n")
     assert cli.main(["board", "build", str(folder), str(tmp_path / "out")]) == 1
     assert capsys.readouterr().err.strip() == (

@@ -65,7 +65,7 @@ def test_help_is_cheap() -> None:
         ("due", "no port for its SAM3X8E"), ("spresense", "no port for its CXD5602"),
     ],
 )  # fmt: skip
-def test_boards_that_cannot_run_it_are_refused_with_the_reason(
+def test_boards_that_cannot_run_uros_are_rejected_with_the_reason(
     verb: list[str], board: str, reason: str, program: str, tmp_path: Path, fail: Callable[..., str]
 ) -> None:
     more = [str(tmp_path / "out")] if verb == ["build"] else ["--port", "/dev/none"]
@@ -74,11 +74,11 @@ def test_boards_that_cannot_run_it_are_refused_with_the_reason(
     assert not (tmp_path / "out").exists()
 
 
-def test_an_unknown_board_has_close_ones(program: str, fail: Callable[..., str]) -> None:
+def test_an_unknown_board_has_a_suggestion(program: str, fail: Callable[..., str]) -> None:
     assert "did you mean 'pico_w'" in fail("deploy", program, "--board", "pico_ww")
 
 
-def test_boards_to_buy_are_listed_with_why_some_have_no_port(
+def test_real_boards_are_listed_with_the_reason_of_a_missing_port(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert cli.main(["board", "list", "--ports"]) == 0
@@ -87,7 +87,7 @@ def test_boards_to_buy_are_listed_with_why_some_have_no_port(
         assert word in out
 
 
-def test_without_a_port_those_that_are_there_are_listed(
+def test_without_a_port_the_ports_are_listed(
     program: str, fail: Callable[..., str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from uros.tools.doctor import serial
@@ -100,7 +100,7 @@ def test_without_a_port_those_that_are_there_are_listed(
     assert "there is no serial port: plug the board in" in fail("deploy", program)
 
 
-def test_a_port_that_is_not_there(program: str, fail: Callable[..., str]) -> None:
+def test_a_missing_port(program: str, fail: Callable[..., str]) -> None:
     port = "/dev/ttyACM77"
     assert f"uros: {port} does not exist" in fail("deploy", program, "--port", port)
 
@@ -112,7 +112,7 @@ def test_a_file_is_no_port(program: str, tmp_path: Path, fail: Callable[..., str
     )
 
 
-def test_a_port_that_an_agent_has_names_it(
+def test_a_port_in_use_names_the_agent(
     program: str, line: tuple[int, str], fail: Callable[..., str]
 ) -> None:
     holder = subprocess.Popen(
@@ -141,7 +141,7 @@ def test_a_port_that_an_agent_has_names_it(
         ("frame", "XRCE frames come: a micro-ROS program has this line"),
     ],
 )
-def test_what_comes_instead_of_a_prompt_is_named(
+def test_data_in_place_of_a_prompt_is_classified(
     sent: bytes | str,
     said: str,
     program: str,
@@ -197,7 +197,7 @@ class Script:
         return len(data)
 
 
-def test_the_console_goes_on_when_the_board_is_back(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_console_continues_after_a_reconnection(capsys: pytest.CaptureFixture[str]) -> None:
     port = Script(b"before\r\n", OSError(5, "gone"), b"after ~", b"", b"\r\n")
     console.show(port, "/dev/ttyX", None)
     done = capsys.readouterr()
@@ -205,7 +205,7 @@ def test_the_console_goes_on_when_the_board_is_back(capsys: pytest.CaptureFixtur
     assert "the line is lost (gone)" in done.err and "/dev/ttyX is back" in done.err
 
 
-def test_the_console_counts_frames_and_says_what_they_mean(
+def test_the_console_counts_frames_and_suggests_an_agent(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     console.show(Script(b"a" + framed(b"12345678") * 2 + b"b"), "/dev/ttyX", None)
@@ -232,7 +232,7 @@ def test_keys_go_to_the_board_and_some_leave(line: tuple[int, str]) -> None:
         os.close(typed)
 
 
-def test_an_index_is_written_and_the_next_step_told(
+def test_an_index_is_written_and_the_next_step_printed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "mip"

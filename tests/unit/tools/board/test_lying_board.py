@@ -79,7 +79,7 @@ def check(deploy, lie):
     return status, said.err
 
 
-def test_an_honest_board_has_the_new_files(deploy):
+def test_a_correct_board_gets_the_new_files(deploy):
     with LyingBoard(files=OLD) as board:
         status, said = deploy(board, "--json")
     assert status == 0 and deployed(board) and board.files["calibration.txt"] == b"3"
@@ -113,7 +113,7 @@ KINDS = {
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("step", STEPS)
-def test_a_lie_at_a_step_ends_with_its_name(step, kind, deploy):
+def test_a_wrong_answer_at_a_step_is_named(step, kind, deploy):
     def lie(at, count, honest):
         return KINDS[kind](honest) if at == step and count != 1 else honest
 
@@ -149,7 +149,7 @@ def test_room_without_end_is_named(deploy):
     assert status == 1 and "asks for more and more code, and reads none" in error
 
 
-def test_half_of_two_octets_is_waited_for_and_named(deploy):
+def test_an_incomplete_answer_is_waited_for_and_named(deploy):
     def lie(step, count, honest):
         return {"paste": b"R", "window": SILENCE}.get(step, honest)
 
@@ -157,7 +157,7 @@ def test_half_of_two_octets_is_waited_for_and_named(deploy):
     assert status == 1 and "stopped answering (b'R' was the last)" in error
 
 
-def test_an_answer_without_end_is_cut_off(deploy, monkeypatch):
+def test_an_endless_answer_is_truncated(deploy, monkeypatch):
     monkeypatch.setattr(raw_repl, "MAX_ANSWER", 50_000)
 
     def lie(step, count, honest):
@@ -167,7 +167,7 @@ def test_an_answer_without_end_is_cut_off(deploy, monkeypatch):
     assert status == 1 and "its answer has more than 50000 octets" in error
 
 
-def test_a_board_that_is_always_just_in_time_is_given_up():
+def test_a_board_that_answers_just_in_time_forever_is_given_up():
     with LyingBoard(files=OLD) as board, closing(device_port(board.path)) as port:
         port.open()
         with pytest.raises(LineLost, match="over 0 s for its answers"):
@@ -194,7 +194,7 @@ ANSWERS = [
 
 
 @pytest.mark.parametrize("answer", ANSWERS, ids=lambda text: text[:24])
-def test_an_answer_of_another_kind_ends_with_its_name(answer, deploy):
+def test_an_answer_of_a_different_kind_is_named(answer, deploy):
     for code in (2, 3, 4, 5):
 
         def lie(step, count, honest, code=code):
@@ -204,7 +204,7 @@ def test_an_answer_of_another_kind_ends_with_its_name(answer, deploy):
 
 
 @pytest.mark.parametrize("right", [True, False])
-def test_lies_about_hashes(right, deploy):
+def test_wrong_hashes(right, deploy):
     """That everything is there already, or that nothing ever arrives."""
     hashes = [hashlib.sha256(NEW[path].encode()).hexdigest() for path in sorted(NEW)]
 
@@ -236,5 +236,5 @@ octets = st.one_of(
 
 @settings(max_examples=examples(25), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.dictionaries(st.tuples(st.sampled_from(STEPS), st.integers(0, 20)), octets, max_size=4))
-def test_any_lies(deploy, lies):
+def test_any_wrong_answers(deploy, lies):
     check(deploy, lambda step, count, honest: lies.get((step, count), honest))

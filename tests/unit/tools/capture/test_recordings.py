@@ -38,7 +38,7 @@ def captured(form, count=3):
 
 
 @pytest.mark.parametrize("form", [JsonLinesEncoder, PcapngEncoder])
-def test_what_the_agent_writes_is_read(form):
+def test_captures_of_the_agent_are_read(form):
     head = captured(form)
     assert parser_for(head, "it").feed(head) == [
         Record(
@@ -68,15 +68,17 @@ def test_recordings_of_other_agents_are_taken_out_of_their_frames(name):
     records = list(read(CAPTURES / f"{name}.jsonl"))
     for from_client in (True, False):
         expected = list(recorded_messages(name, load_recorded(name), from_client))
-        assert [(it.client, it.message) for it in records if it.from_client == from_client] == (
-            expected
-        )
+        assert [
+            (record.client, record.message)
+            for record in records
+            if record.from_client == from_client
+        ] == (expected)
     kind = "SERIAL" if name.startswith("serial") else "TCP" if name.startswith("tcp") else "UDP"
-    assert {it.transport for it in records} == {kind}
+    assert {record.transport for record in records} == {kind}
 
 
 @pytest.mark.parametrize("form", [JsonLinesEncoder, PcapngEncoder])
-def test_an_end_that_was_cut_off_is_told(form, tmp_path):
+def test_a_truncated_end_is_reported(form, tmp_path):
     path = tmp_path / "it"
     path.write_bytes(captured(form)[:-3])
     told = []
@@ -93,7 +95,7 @@ def test_a_new_section_has_its_own_interfaces():
 # --- of others ----------------------------------------------------------------------------------
 
 
-def test_a_file_that_wireshark_wrote(tmp_path):
+def test_a_file_of_wireshark(tmp_path):
     """An Ethernet capture by text2pcap, with what else there is on a network."""
     assert shutil.which("text2pcap"), "there is no text2pcap: apt-get install tshark"
     hello = create_client()
@@ -110,7 +112,9 @@ def test_a_file_that_wireshark_wrote(tmp_path):
         )  # fmt: skip
     whole = b"".join((tmp_path / f"{number}.n").read_bytes() for number in range(len(said)))
     found = parser_for(whole, "it").feed(whole)
-    assert [(it.from_client, it.client, it.address, it.message) for it in found] == [
+    assert [
+        (record.from_client, record.client, record.address, record.message) for record in found
+    ] == [
         (True, 0, "10.0.0.7:2018", hello),
         (False, 0, "10.0.0.7:2018", PING),
         (True, 1, "10.0.0.9:77", PING),
@@ -137,14 +141,14 @@ def test_a_file_that_wireshark_wrote(tmp_path):
         (captured(PcapngEncoder)[:200] + b"\0" * 64, "not a sound pcapng file"),
     ],
 )
-def test_what_is_no_capture_says_where(content, says, tmp_path):
+def test_errors_of_invalid_captures_name_the_place(content, says, tmp_path):
     path = tmp_path / "it"
     path.write_bytes(content)
     with pytest.raises(RecordingError, match=says):
         list(read(path))
 
 
-def test_a_file_that_is_not_there():
+def test_a_missing_file():
     with pytest.raises(RecordingError, match=r"not/there cannot be read: No such file"):
         list(read("not/there"))
 
@@ -158,14 +162,14 @@ def feed(parser, data):
 
 
 @given(st.binary(max_size=300))
-def test_any_bytes_are_read_or_refused(data):
+def test_any_bytes_are_read_or_rejected(data):
     for parser in (TextParser("it"), PcapngParser("it")):
         feed(parser, data)
         feed(parser, data)
 
 
 @given(st.data())
-def test_captures_with_wrong_bytes_are_read_or_refused(data):
+def test_captures_with_wrong_bytes_are_read_or_rejected(data):
     form = data.draw(st.sampled_from([JsonLinesEncoder, PcapngEncoder]))
     whole = bytearray(captured(form))
     for _ in range(data.draw(st.integers(1, 5))):
@@ -175,7 +179,9 @@ def test_captures_with_wrong_bytes_are_read_or_refused(data):
 
 _JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
-    lambda it: st.lists(it, max_size=3) | st.dictionaries(st.text(max_size=3), it, max_size=3),
+    lambda values: (
+        st.lists(values, max_size=3) | st.dictionaries(st.text(max_size=3), values, max_size=3)
+    ),
     max_leaves=5,
 )
 
@@ -186,5 +192,5 @@ _JSON = st.recursive(
         _JSON | st.sampled_from(["client", "agent", "7e00", "0x10", 0, 1.5]),
     )
 )
-def test_lines_with_any_values_are_read_or_refused(fields):
+def test_lines_with_any_values_are_read_or_rejected(fields):
     feed(TextParser("it"), json.dumps(fields).encode() + b"\n")

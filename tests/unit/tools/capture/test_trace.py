@@ -45,12 +45,12 @@ def test_a_conversation(capsys):
     assert lines[1].split()[0] == "0.000000"
 
 
-def test_the_page_shows_it_as_it_is(capsys):
+def test_the_trace_on_the_page_is_printed(capsys):
     page = (CAPTURES.parents[1] / "docs" / "seeing.md").read_text("utf-8")
     block = page.partition("rclc_int32_publisher.jsonl`")[2].split("```")[1]
     shown = block.strip("\n").splitlines()
     out = run(capsys, CAPTURES / "rclc_int32_publisher.jsonl")[1].splitlines()
-    assert shown == [it for it in out if it in shown] and len(shown) > 5
+    assert shown == [line for line in out if line in shown] and len(shown) > 5
 
 
 def test_times(capsys, file, monkeypatch):
@@ -58,9 +58,9 @@ def test_times(capsys, file, monkeypatch):
     absolute = run(capsys, file, "--time", "absolute")[1].splitlines()[1]
     assert absolute.startswith("2025-11-21 18:33:20.123456   0 -> ")
     path = CAPTURES / "time_sync.jsonl"
-    relative = [float(it.split()[0]) for it in run(capsys, path)[1].splitlines()[1:]]
+    relative = [float(line.split()[0]) for line in run(capsys, path)[1].splitlines()[1:]]
     delta = run(capsys, path, "--time", "delta")[1].splitlines()[1:]
-    deltas = [float(it.split()[0]) for it in delta]
+    deltas = [float(line.split()[0]) for line in delta]
     assert relative == sorted(relative) and relative[-1] > 5
     assert sum(deltas) == pytest.approx(relative[-1], abs=1e-4)
     assert run(capsys, path, "--time", "absolute")[1] == run(capsys, path)[1]  # it has none
@@ -82,7 +82,7 @@ def test_one_client_by_its_number_or_key(capsys, file):
 
 
 @pytest.mark.parametrize("text", ["0xg", "-1", "x", "0x123456789", ""])
-def test_what_is_no_client(capsys, file, text):
+def test_unknown_clients(capsys, file, text):
     status, _, err = run(capsys, file, f"--client={text}")
     assert status == 2 and "is neither a key, such as 0x4B0CBE99, nor a number" in err
 
@@ -95,7 +95,7 @@ def test_bytes(capsys, file):
 
 
 def test_json(capsys, file):
-    lines = [json.loads(it) for it in run(capsys, file, "--json")[1].splitlines()]
+    lines = [json.loads(line) for line in run(capsys, file, "--json")[1].splitlines()]
     assert lines[1] == {
         "t": 1763750000.123456, "from": "agent", "client": 1, "transport": "UDPv4Agent",
         "address": "192.0.2.7:2019", "key": "0x4B0CBE99", "session": "0x81", "stream": "none",
@@ -118,7 +118,7 @@ def test_colours_are_for_terminals(capsys, file, monkeypatch):
     assert "\033" not in run(capsys, file)[1]
 
 
-def test_what_a_capture_says_does_nothing_to_a_terminal(capsys, tmp_path):
+def test_text_of_a_capture_is_escaped(capsys, tmp_path):
     path = tmp_path / "it"
     line = {"t": 0, "from": "client", "transport": "\x1b[31mred", "address": "\n", "hex": "1b5b"}
     path.write_text(json.dumps(line) + "\n")
@@ -171,10 +171,10 @@ def test_a_file_is_followed_as_it_grows_and_into_the_next(tmp_path, form):
     with pytest.raises(KeyboardInterrupt):
         for record in trace.follow(str(path), pause):
             found.append(record)
-    assert [it.message[16:] for it in found] == [b"", b"\0", b"\0\0", b"", b"\0"]
+    assert [record.message[16:] for record in found] == [b"", b"\0", b"\0\0", b"", b"\0"]
 
 
-def test_a_file_that_begins_anew_is_followed(tmp_path):
+def test_a_truncated_file_is_followed(tmp_path):
     path = tmp_path / "it"
     path.write_bytes(captured(JsonLinesEncoder, 3))
     steps = [lambda: path.write_bytes(captured(JsonLinesEncoder, 1))]
@@ -194,7 +194,7 @@ def test_a_file_that_begins_anew_is_followed(tmp_path):
 # --- an agent that runs --------------------------------------------------------------------------
 
 
-def test_an_agent_that_runs(tmp_path):
+def test_a_running_agent(tmp_path):
     """By its socket, in a process of its own, until Ctrl-C."""
     env = {**os.environ, "XDG_RUNTIME_DIR": str(tmp_path)}
     agent = subprocess.Popen(

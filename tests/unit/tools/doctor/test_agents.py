@@ -100,7 +100,7 @@ def test_a_taken_port(kind, protocol, host):
         assert check_port(port)[0].state == "ok"
 
 
-def test_a_port_that_nobody_asked_about_is_a_note_by_tcp():
+def test_a_default_tcp_port_in_use_is_a_note():
     port = free_port()
     with taking("SOCK_STREAM", port):
         (one,) = check_port(port, asked=False)
@@ -116,7 +116,7 @@ def test_a_connection_from_a_port_does_not_take_it():
         assert doctor_process.taken_port("tcp", port) is None
 
 
-def test_a_port_that_an_agent_of_ours_has():
+def test_a_port_of_a_uros_agent():
     port = free_port()
     with taking("SOCK_DGRAM", port) as process:
         (one,) = check_port(port, {process.pid})
@@ -211,7 +211,7 @@ def test_a_key_that_is_refused_because_it_is_in_use():
     assert check_refused([snapshot(A, refused=[refused])]) == []
 
 
-def test_two_boards_that_push_each_other_out():
+def test_two_boards_with_alternating_takeovers():
     other = dict(A, address="10.0.0.9:2018")
     (one,) = check_keys([[snapshot(A)], [snapshot(other)], [snapshot(A)]])
     assert one.state == "problem"
@@ -240,7 +240,7 @@ def test_other_refusals():
     assert one.state == "problem" and "not in the list of keys" in one.what and one.fix
 
 
-def test_an_agent_that_reaches_nobody():
+def test_an_agent_with_the_memory_middleware():
     (one,) = check_middleware([snapshot(A, middleware="memory")])
     assert one.state == "problem" and "-m memory" in one.fix
     assert check_middleware([snapshot(A), snapshot(middleware="memory")]) == []
@@ -254,7 +254,7 @@ def test_a_boards_clock_that_is_off(offset, word):
 
 
 @pytest.mark.parametrize("offset", [None, 0.02, -0.1, -1.7e9])
-def test_clocks_of_which_nothing_is_to_be_said(offset):
+def test_clocks_without_a_finding(offset):
     assert check_clocks([snapshot(dict(A, clock_offset=offset))]) == []
 
 
@@ -279,12 +279,12 @@ def test_a_line_that_an_agent_serves(counters, state, words):
         assert one.fix == "kill 7, then: uros doctor --dev /dev/ttyACM0"
 
 
-def test_many_sound_lines_are_one_line_of_the_report():
+def test_many_healthy_lines_are_one_finding():
     (one,) = check_lines([snapshot(transports=[line(frames=n) for n in range(1, 21)])])
     assert one.state == "ok" and "over 20 lines" in one.what
 
 
-def test_lines_of_which_nothing_is_to_be_said():
+def test_lines_without_a_finding():
     udp = {"name": "UDPv4Agent", "label": "port 8888", "messages": 5, "bytes": 99}
     assert check_lines([snapshot(transports=[udp, line(frames=0, skipped=3)])]) == []
 
@@ -292,7 +292,7 @@ def test_lines_of_which_nothing_is_to_be_said():
 # --- asking them --------------------------------------------------------------------------------
 
 
-def test_agents_are_asked_one_after_the_other():
+def test_agents_are_queried_in_turn():
     told = {"a": snapshot(A, pid=7), "b": snapshot(B, pid=8)}
     agents = Agents(find=lambda: list(told), ask=told.__getitem__)
     agents.look()
@@ -315,7 +315,7 @@ def test_agents_that_do_not_answer():
     assert one.state == "unknown" and "/run/agent-7.sock" in one.what and agents.now == []
 
 
-def test_an_agent_that_is_not_there():
+def test_a_missing_agent():
     agents = Agents(os.getpid(), find=lambda: [], ask=lambda which: {})
     agents.look()
     (one,) = agents.failed

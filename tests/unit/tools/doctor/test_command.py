@@ -149,12 +149,12 @@ def test_a_port_and_a_device(place, tmp_path):
         port = sock.getsockname()[1]
         missing = str(tmp_path / "ttyACM0")
         problems, _ = look(which, domain, port, "--dev", missing)
-    checks = {it.check: it for it in problems}
+    checks = {problem.check: problem for problem in problems}
     assert set(checks) == {"port", "device"}
     assert f"(pid {os.getpid()})" in checks["port"].what and missing in checks["device"].what
 
 
-def test_an_agent_that_hides_itself(place, monkeypatch):
+def test_discovery_switched_off_in_the_agents_environment(place, monkeypatch):
     """Its environment is looked at too."""
     domain, port = place
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
@@ -204,7 +204,9 @@ def test_a_board_on_a_line(place, monkeypatch, capsys, said, state, words):
         thread.join()
         os.close(keep)
         os.close(master)
-    one = one_of([Finding(**it) for it in json.loads(capsys.readouterr().out)["findings"]], "baud")
+    one = one_of(
+        [Finding(**finding) for finding in json.loads(capsys.readouterr().out)["findings"]], "baud"
+    )
     assert one.state == state and words in one.what and device in one.what
     assert status == (state == PROBLEM)
     assert one.fix or state == OK
@@ -218,11 +220,11 @@ def test_security_in_the_shell(place, monkeypatch):
     assert one.check == "security" and "unset ROS_SECURITY_ENABLE" in one.fix
 
 
-def test_a_domain_that_is_none(place, monkeypatch, capsys):
+def test_an_invalid_domain(place, monkeypatch, capsys):
     monkeypatch.setenv("ROS_DOMAIN_ID", "banana")
     assert cli.main(["doctor", "--json", "--seconds", "0.1", "--port", str(place[1])]) == 1
     found = json.loads(capsys.readouterr().out)["findings"]
-    (one,) = [it for it in found if it["state"] == PROBLEM]
+    (one,) = [finding for finding in found if finding["state"] == PROBLEM]
     assert "banana" in one["what"] and one["fix"] == "export ROS_DOMAIN_ID=0"
 
 
@@ -234,7 +236,7 @@ def test_lines_are_whole_and_commands_are_not_broken():
     text = command.lines(Finding("baud", PROBLEM, "the board sends " + "slowly " * 20, fix))
     assert text.splitlines()[0].startswith("problem  baud           the board sends")
     assert text.splitlines()[-1] == " " * 9 + "fix:           " + fix
-    assert all(len(it) <= 100 for it in text.splitlines()[:-1])
+    assert all(len(line) <= 100 for line in text.splitlines()[:-1])
     assert command.lines(Finding("port", OK, "free")) == "ok       port           free"
     assert "hint:" in command.lines(Finding("port", NOTE, "taken", "kill 5"))
 
@@ -267,7 +269,7 @@ def test_a_terminal_gets_lines_that_fit_and_the_state_in_colour(capsys, monkeypa
     assert re.sub(r"\033\[[0-9;]*m", "", shown) == plain
 
 
-def test_what_is_from_outside_does_not_reach_the_terminal_as_it_is():
+def test_text_from_outside_is_escaped():
     text = command.lines(Finding("qos", PROBLEM, "/a\x1b[2J\n/b", "--qos '/a\x1b[2J'"))
     assert "\x1b" not in text and len(text.splitlines()) == 2 and "\\x1b[2J" in text
 
@@ -278,7 +280,7 @@ def test_the_summary():
     assert command._summary([]) == "\n0 problems"
 
 
-def test_it_prints_as_it_finds(place, capsys):
+def test_findings_are_printed_at_once(place, capsys):
     domain, port = place
     status = cli.main(["doctor", "--domain", str(domain), "--port", str(port), "--seconds", "0.1"])
     said = capsys.readouterr()
@@ -298,6 +300,6 @@ def test_it_prints_as_it_finds(place, capsys):
         (["--agent", "me"], "not an integer"),
     ],
 )
-def test_options_that_cannot_be(options, words, capsys):
+def test_invalid_options(options, words, capsys):
     assert cli.main(["doctor", *options]) == 2
     assert words in capsys.readouterr().err

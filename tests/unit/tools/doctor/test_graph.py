@@ -71,14 +71,14 @@ HELLO = b"\0\1\0\0\6\0\0\0hello\0\0\0"
 @pytest.mark.parametrize("offered, requested, policies", RULES)
 def test_the_rules_of_qos(offered, requested, policies):
     found = mismatches(QoSProfile(**offered), QoSProfile(**requested))
-    assert [it.policy for it in found] == policies
+    assert [mismatch.policy for mismatch in found] == policies
     # Whatever `--qos` is told to set, on either side, does away with the mismatch.
     for one in found:
         for side, rule in ((0, one.offer), (1, one.request)):
             if rule:
                 profiles = [QoSProfile(**offered), QoSProfile(**requested)]
                 apply(profiles[side], rule)
-                left = [it.policy for it in mismatches(*profiles)]
+                left = [mismatch.policy for mismatch in mismatches(*profiles)]
                 assert one.policy not in left, rule
 
 
@@ -120,7 +120,7 @@ profiles = st.builds(
 
 
 @given(profiles, profiles)
-def test_every_mismatch_has_a_way_out(offered, requested):
+def test_every_mismatch_has_a_fix(offered, requested):
     assert mismatches(offered, offered) == []
     for one in mismatches(offered, requested):
         for boards in ((), ("/w",), ("/r",)):
@@ -156,7 +156,7 @@ def looking(domain, look):
             node.spin_once(0.005)
     with Network(domain) as network:
         network.settle()
-        ours = {it for it in network.graph.nodes() if it.startswith("/_uros_")}
+        ours = {name for name in network.graph.nodes() if name.startswith("/_uros_")}
         return look(network, ours)
 
 
@@ -265,8 +265,10 @@ def graph(*endpoints):
     return SimpleNamespace(
         nodes=lambda: [],
         topics=lambda: topics,
-        publishers=lambda of: [it for topic, it in infos if topic == of and it.is_publisher],
-        subscriptions=lambda of: [it for topic, it in infos if topic == of and not it.is_publisher],
+        publishers=lambda of: [info for topic, info in infos if topic == of and info.is_publisher],
+        subscriptions=lambda of: [
+            info for topic, info in infos if topic == of and not info.is_publisher
+        ],
     )
 
 
@@ -286,7 +288,8 @@ def test_one_type_in_two_versions():
 
 def ends_in(*domains):
     return {
-        it: looking(it, lambda network, ours: ends(Picture(network.graph, ours))) for it in domains
+        domain: looking(domain, lambda network, ours: ends(Picture(network.graph, ours)))
+        for domain in domains
     }
 
 
@@ -320,7 +323,7 @@ def test_a_talker_and_a_listener_in_different_domains(make, domain):
         ([End("/t", "T", "/a", True)], [End("/u", "T", "/b", False)]),
     ],
 )  # fmt: skip
-def test_ends_in_different_domains_that_are_meant_so(here, there):
+def test_endpoints_in_different_domains_on_purpose(here, there):
     (one,) = check_domains({1: here, 2: there}, [], [1])
     assert one.state == "ok"
 
@@ -331,7 +334,7 @@ def test_a_subscriber_on_a_board_in_another_domain():
     assert "--domain 0" in one.fix and "export ROS_DOMAIN_ID=5 before /teleop" in one.fix
 
 
-def test_a_board_where_nobody_looks():
+def test_a_board_in_a_domain_that_is_not_checked():
     (one,) = check_domains({0: [], 5: [End("/t", "T", "/b", True)]}, [("/b", 5)], [0])
     assert one.state == "problem" and "the board's node /b is in domain 5" in one.what
     assert "export ROS_DOMAIN_ID=5" in one.fix and "--domain 0" in one.fix
@@ -339,7 +342,7 @@ def test_a_board_where_nobody_looks():
     assert one.state == "ok"
 
 
-def test_domains_without_anybody():
+def test_empty_domains():
     (one,) = check_domains({0: [], 3: []}, [], [3])
     assert one.state == "note" and "uros doctor --domain N" in one.fix
 
@@ -404,13 +407,13 @@ def test_the_stamp_at_the_beginning(little):
 
 
 @given(st.binary(max_size=40))
-def test_whatever_comes_as_a_sample(data):
+def test_any_sample(data):
     stamps = clock.Stamps(["/n"])
     stamps.add(data, 1_700_000_000_000_000_000)
     clock.judge("/t", stamps, True)
 
 
-def test_stamps_of_others_may_be_old():
+def test_stamps_of_other_nodes_may_be_old():
     stamps = clock.Stamps(["/filter"])
     stamps.add(cdr(1700000000, 0), 1700000005 * 10**9)
     assert clock.judge("/t", stamps, False).state == "note"
@@ -433,7 +436,7 @@ def test_the_hosts_own_clock():
     assert one.state in ("ok", "note", "unknown") and (one.state != "note" or one.fix)
 
 
-def test_names_of_nodes_that_are_not_known():
+def test_names_of_unknown_nodes():
     unknown = SimpleNamespace(
         node_namespace="_NODE_NAMESPACE_UNKNOWN_", node_name="_NODE_NAME_UNKNOWN_"
     )
@@ -443,7 +446,7 @@ def test_names_of_nodes_that_are_not_known():
 # --- text from outside ----------------------------------------------------------------------------
 
 
-def test_names_that_are_commands_stay_words():
+def test_names_are_quoted_in_commands():
     """Whoever copies the line into a shell runs uros, and nothing else."""
     evil = "/x; rm -rf ~"
     one = doctor_qos.Mismatch("reliability", "best_effort", "reliable", "a=b", "a=c")
@@ -454,13 +457,13 @@ def test_names_that_are_commands_stay_words():
     assert f"-r '{evil}:={evil}_2'" in one.fix and f"--remap '{evil}:={evil}_2'" in one.fix
 
 
-def test_a_graph_of_very_many_pairs_is_cut_short():
+def test_the_pairs_of_a_large_graph_are_limited():
     many = [("/t", f"w{n}", True, "T", "INVALID") for n in range(400)]
     many += [("/t", f"r{n}", False, "T", "INVALID") for n in range(400)]
     told = graph(*many)
-    for it in told.publishers("/t"):
-        it.qos = QoSProfile(5, BEST_EFFORT)
+    for info in told.publishers("/t"):
+        info.qos = QoSProfile(5, BEST_EFFORT)
     found = check_qos(Picture(told), 0)
-    assert len(found) == 34 and {it.state for it in found[-2:]} == {"note"}
+    assert len(found) == 34 and {finding.state for finding in found[-2:]} == {"note"}
     assert "19968 more pairs" in found[-2].what
     assert "more pairs than the 20000 looked at" in found[-1].what

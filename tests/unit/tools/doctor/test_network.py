@@ -34,7 +34,7 @@ ip link set net0 up
 LOOK = """
 import json
 from uros.tools.doctor.network import check_multicast
-print(json.dumps([it.plain() for it in check_multicast({}, 7)]))
+print(json.dumps([finding.plain() for finding in check_multicast({}, 7)]))
 """
 
 
@@ -87,7 +87,7 @@ ETHERNET = Interface("eth7", 9, 0x1043, "10.1.2.3")
 def test_multicast_that_is_dropped(monkeypatch):
     from uros.tools.doctor import network
 
-    monkeypatch.setattr(network, "comes_back", lambda it, port: False)
+    monkeypatch.setattr(network, "comes_back", lambda interface, port: False)
     monkeypatch.setattr(network, "ufw_is_on", lambda: False)
     (one,) = check_multicast({}, 0, [ETHERNET])
     assert one.state == "problem" and "a firewall drops it" in one.what
@@ -100,7 +100,7 @@ def test_multicast_that_is_dropped(monkeypatch):
 def test_multicast_that_may_not_be_sent(monkeypatch):
     from uros.tools.doctor import network
 
-    def forbidden(it, port):
+    def forbidden(interface, port):
         raise PermissionError(1, "Operation not permitted")
 
     monkeypatch.setattr(network, "comes_back", forbidden)
@@ -112,7 +112,7 @@ def test_multicast_that_may_not_be_sent(monkeypatch):
 def test_interfaces_that_do_not_count(monkeypatch):
     from uros.tools.doctor import network
 
-    monkeypatch.setattr(network, "comes_back", lambda it, port: True)
+    monkeypatch.setattr(network, "comes_back", lambda interface, port: True)
     docker = Interface("docker0", 3, 0x1043, "172.17.0.1")
     vpn = Interface("wg0", 4, 0x00D1, "10.8.0.2")
     lo = Interface("lo", 1, 0x49, "127.0.0.1")
@@ -129,10 +129,10 @@ def test_interfaces_that_do_not_count(monkeypatch):
         {"ROS_AUTOMATIC_DISCOVERY_RANGE": "nonsense"},
     ],
 )
-def test_nothing_is_sent_where_the_environment_forbids_it(environment, monkeypatch):
+def test_nothing_is_sent_if_the_environment_forbids_it(environment, monkeypatch):
     from uros.tools.doctor import network
 
-    def sent(it, port):
+    def sent(interface, port):
         raise AssertionError("it was sent")
 
     monkeypatch.setattr(network, "comes_back", sent)
@@ -141,7 +141,7 @@ def test_nothing_is_sent_where_the_environment_forbids_it(environment, monkeypat
 
 def test_ports_and_interfaces():
     assert (spdp_port(0), spdp_port(5)) == (7400, 8650)
-    assert any(it.is_loopback for it in interfaces())
+    assert any(interface.is_loopback for interface in interfaces())
 
 
 # --- the environment ----------------------------------------------------------------------------
@@ -172,7 +172,7 @@ def test_the_range_of_discovery(environment, state, words, fix):
         assert check_range(left)[0].state == "ok"
 
 
-def test_the_agents_environment_is_told_apart():
+def test_differences_to_the_agents_environment():
     (one,) = check_range({"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"}, "the agent 7")
     assert one.what.startswith("the agent 7 has")
 

@@ -61,7 +61,7 @@ def test_a_healthy_device(terminal):
     assert only(check_device(terminal[1])).state == "ok"
 
 
-def test_a_device_that_is_not_there(tmp_path):
+def test_a_missing_device(tmp_path):
     gone = str(tmp_path / "ttyACM0")
     one = only(check_device(gone, known=lambda: []))
     assert one.state == "problem" and "unplugged" in one.what
@@ -91,7 +91,7 @@ def test_a_link_to_a_board_that_was_unplugged(tmp_path):
 
 @pytest.mark.parametrize("make, kind", [("touch", "a file"), ("mkdir", "a folder"),
                                         ("mkfifo", "a pipe")])  # fmt: skip
-def test_what_is_no_device(tmp_path, make, kind):
+def test_files_that_are_no_devices(tmp_path, make, kind):
     path = tmp_path / "it"
     subprocess.run([make, path], check=True)
     one = only(check_device(str(path), known=lambda: []))
@@ -117,7 +117,7 @@ def test_the_terminal_that_the_doctor_runs_in(terminal):
     assert "this terminal" in said and "kill" not in said
 
 
-def test_names_that_are_none_and_lines_elsewhere():
+def test_invalid_names_and_remote_lines():
     assert only(check_device("a\0b", known=lambda: [])).state == "problem"
     assert only(check_device("socket://10.0.0.1:4000")).state == "unknown"
 
@@ -174,7 +174,7 @@ def test_a_busy_device(terminal):
         assert check_device(terminal[1])[-1].state == "ok"
 
 
-def test_a_device_that_an_agent_of_ours_serves(terminal):
+def test_a_device_of_a_uros_agent(terminal):
     with holder(terminal[1]) as process:
         one = check_device(terminal[1], {process.pid})[-1]
         assert one.state == "note" and "served by a uros agent" in one.what
@@ -228,13 +228,13 @@ def test_brltty_where_the_board_should_be(monkeypatch):
         ([], False, False),
     ],
 )
-def test_whose_process_it_is(command, ours, foreign):
+def test_the_owner_of_a_process(command, ours, foreign):
     name = os.path.basename(command[0]) if command else "?"
     one = doctor_process.Process(5, name, tuple(command))
     assert (one.is_uros_agent, one.is_foreign_agent) == (ours, foreign)
 
 
-def test_a_process_that_is_gone():
+def test_a_process_that_has_ended():
     assert doctor_process.process(2**22 + 1).name == "?"
     assert doctor_process.environment(2**22 + 1) is None
     assert doctor_process.running("no-such-program") is None
@@ -289,13 +289,13 @@ def look(uart, baud=115200, **options):
     return one, said
 
 
-def test_a_sound_line():
+def test_a_healthy_line():
     one, said = look(Uart(FRAMES, 115200))
     assert one.state == "ok" and "sound XRCE frames" in one.what
     assert said == ["listening on /dev/ttyX at 115200 baud for 0.01 s"]
 
 
-@pytest.mark.parametrize("rate", [it for it in RATES if it != 115200])
+@pytest.mark.parametrize("rate", [rate for rate in RATES if rate != 115200])
 def test_the_wrong_baud_rate(rate):
     uart = Uart(FRAMES, rate)
     one, said = look(uart)
@@ -306,7 +306,7 @@ def test_the_wrong_baud_rate(rate):
     assert look(Uart(FRAMES, rate), int(one.fix.split()[-1]))[0].state == "ok"
 
 
-def test_a_rate_that_is_none_of_the_usual():
+def test_an_unusual_rate():
     one, _ = look(Uart(FRAMES, 250001, refuses=(1500000, 2000000)))
     assert one.state == "problem" and "nor at the usual rates" in one.what
     assert "1500000" in one.what and "2000000" in one.what
@@ -339,7 +339,7 @@ def test_a_line_with_many_broken_frames():
     assert one.state == "problem" and "are broken" in one.what and "cable" in one.fix
 
 
-def test_a_line_that_is_gone_meanwhile():
+def test_a_line_that_is_unplugged_meanwhile():
     one, _ = look(Uart(FRAMES, 115200, gone=True))
     assert one.state == "unknown" and "the line has ended" in one.what
     assert look(Uart(b"", 1, refuses=(115200,)))[0].state == "unknown"
@@ -368,7 +368,7 @@ def test_a_device_that_cannot_be_opened_says_why():
 
 
 @given(st.binary(max_size=300))
-def test_whatever_comes_is_judged(data):
+def test_any_octets_are_classified(data):
     heard = serial.judge(data)
     assert heard.kind in (SOUND, TEXT, NOISE, SILENCE) and heard.size == len(data)
     assert (heard.kind == SILENCE) == (not data)

@@ -26,7 +26,7 @@ def saver(out, count=0, every=0.0):
 
 
 def files(folder):
-    return sorted(it.name for it in folder.iterdir())
+    return sorted(file.name for file in folder.iterdir())
 
 
 def test_the_stamp_is_in_the_name(tmp_path, capsys):
@@ -37,12 +37,12 @@ def test_the_stamp_is_in_the_name(tmp_path, capsys):
     assert capsys.readouterr().out == f"{path}: 16x8, {len(JPEG)} octets, 1.0 s old\n"
 
 
-def test_without_a_stamp_it_is_when_it_came(tmp_path):
+def test_without_a_stamp_the_name_has_the_time_of_reception(tmp_path):
     saver(tmp_path).add(picture(taken(PNG, stamp=0)), 18 * SECOND + 5)
     assert files(tmp_path) == ["image_compressed_18.000000005_received.png"]
 
 
-def test_no_picture_takes_another_one_s_place(tmp_path):
+def test_no_picture_replaces_a_different_one(tmp_path):
     one = saver(tmp_path)
     for _ in range(3):
         one.add(picture(taken(stamp=5)), 0)
@@ -53,18 +53,18 @@ def test_no_picture_takes_another_one_s_place(tmp_path):
     ]
 
 
-def test_so_many_and_no_more(tmp_path):
+def test_the_number_of_pictures_is_limited(tmp_path):
     one = saver(tmp_path, count=2)
     for stamp in range(1, 5):
         one.add(picture(taken(stamp=stamp)), stamp * SECOND)
     assert one.done and len(files(tmp_path)) == 2
 
 
-def test_every_so_often(tmp_path):
+def test_the_period_of_pictures(tmp_path):
     one = saver(tmp_path, every=2.0)
     for tenth in range(0, 60, 5):
         one.add(picture(taken(stamp=100 + tenth)), tenth * SECOND // 10)
-    assert [it.split("_")[2][:3] for it in files(tmp_path)] == ["100", "120", "140"]
+    assert [name.split("_")[2][:3] for name in files(tmp_path)] == ["100", "120", "140"]
 
 
 def test_a_picture_a_second_is_kept_every_second_though_it_comes_a_little_early(tmp_path):
@@ -84,7 +84,7 @@ def test_one_file(tmp_path):
     assert stat.S_IMODE(path.stat().st_mode) == 0o666 & ~umask
 
 
-def test_what_out_cannot_be(tmp_path):
+def test_invalid_output_paths(tmp_path):
     with pytest.raises(ToolError, match="is a file, for --count 1; give a folder"):
         saver(tmp_path / "one.jpg", count=2)
     with pytest.raises(ToolError, match="the images are jpeg: give --out a .jpg name"):
@@ -95,7 +95,7 @@ def test_what_out_cannot_be(tmp_path):
     assert files(tmp_path) == ["file"]
 
 
-def test_a_disk_that_is_full_leaves_no_piece(tmp_path, monkeypatch):
+def test_a_full_disk_leaves_no_partial_file(tmp_path, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
@@ -130,7 +130,7 @@ def camera(own_domain_id, monkeypatch):
 
     monkeypatch.setattr(Network, "spin", spin)
     monkeypatch.setattr(save, "discover", lambda network, args: None)
-    camera.save = lambda *it: save.run(options(*it, "--domain", str(own_domain_id)))
+    camera.save = lambda *arguments: save.run(options(*arguments, "--domain", str(own_domain_id)))
     yield camera
     node.destroy_node()
 
@@ -138,16 +138,16 @@ def camera(own_domain_id, monkeypatch):
 def test_over_dds(camera, tmp_path):
     assert camera.save("--count", "3", "--out", str(tmp_path), "--timeout", "20") == 0
     assert len(files(tmp_path)) == 3
-    assert {it.read_bytes() for it in tmp_path.iterdir()} == {JPEG}
+    assert {file.read_bytes() for file in tmp_path.iterdir()} == {JPEG}
 
 
-def test_in_time_or_not_at_all(camera, tmp_path, capsys):
+def test_no_picture_before_the_timeout_is_an_error(camera, tmp_path, capsys):
     camera.data = None
     assert camera.save("--out", str(tmp_path), "--timeout", "0.2") == 1
     assert "0 of 1 images came within 0.2 s" in capsys.readouterr().err
 
 
-def test_broken_pictures_are_told_and_not_written(camera, tmp_path, capsys):
+def test_broken_pictures_are_reported_and_not_written(camera, tmp_path, capsys):
     camera.data = b"<svg>"
     assert camera.save("--out", str(tmp_path), "--timeout", "1") == 1
     assert files(tmp_path) == []

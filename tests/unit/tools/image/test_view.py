@@ -47,7 +47,7 @@ def shown(monkeypatch):
     return view.Shown(TOPIC)
 
 
-def test_before_anything_came(shown):
+def test_the_state_before_the_first_picture(shown):
     shown.waiting("nobody publishes it")
     answer = shown.answer({})
     assert (answer.status, answer.body) == (200, b"")
@@ -56,7 +56,7 @@ def test_before_anything_came(shown):
     assert "width" not in answer.about
 
 
-def test_a_page_is_told_plain_text_alone(shown):
+def test_a_page_gets_escaped_text(shown):
     message = taken()
     message.header.frame_id = HOSTILE
     shown.add(picture(message), time.time_ns())
@@ -79,7 +79,7 @@ def test_a_picture_is_sent_once(shown):
     assert again.body == b"" and again.about["width"] == 16
 
 
-def test_a_broken_one_is_told_beside_the_last_good_one(shown):
+def test_a_broken_picture_is_reported_beside_the_last_valid_one(shown):
     shown.waiting("")
     shown.add(picture(taken()), time.time_ns())
     shown.trouble("an image cannot be shown: it is empty")
@@ -123,7 +123,7 @@ def test_the_rate(shown, monkeypatch):
         (12 * SECOND, 1_700_000_000 * SECOND, "19676 d old: the sender's clock is not set"),
     ],
 )
-def test_how_old_by_its_stamp(stamp, received, text):
+def test_the_age_by_the_stamp(stamp, received, text):
     assert age(stamp, received) == text
 
 
@@ -136,7 +136,9 @@ def world(own_domain_id):
     node = uros.Node("camera", Direct(open_middleware("dds"), own_domain_id))
     seen, troubles = [], []
     with Network(own_domain_id) as network:
-        source = ImageSource(network, TOPIC, lambda it, _: seen.append(it), troubles.append)
+        source = ImageSource(
+            network, TOPIC, lambda picture, _: seen.append(picture), troubles.append
+        )
 
         def until(done):
             deadline = time.monotonic() + 10
@@ -165,7 +167,7 @@ def publishes(world, message, qos=10):
     return publisher
 
 
-def test_nobody_is_there_and_then_somebody(world):
+def test_a_publisher_that_starts_later(world):
     world.until(lambda: world.source.check() != "" and not world.network.alone)
     assert world.source.check() == (
         f"nobody publishes {TOPIC} yet: is the board connected, and its camera on?"
@@ -192,28 +194,28 @@ def test_raw_and_compressed_pictures(world):
     world.until(lambda: publisher.publish(raw) and world.seen[-1].was == "rgb8")
 
 
-def test_pictures_of_whoever_offers_less(world):
+def test_a_best_effort_publisher(world):
     qos = QoSProfile(1, ReliabilityPolicy.BEST_EFFORT)
     publishes(world, taken(), qos)
 
 
-def test_one_that_was_taken_before(world):
+def test_a_transient_local_picture(world):
     qos = QoSProfile(1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     world.node.create_publisher(CompressedImage, TOPIC, qos).publish(taken())
     world.until(lambda: world.seen)
 
 
-def test_a_camera_that_leaves_is_missed(world):
+def test_a_missing_camera_is_reported(world):
     publishes(world, taken()).destroy()
     world.until(lambda: "nobody publishes" in world.source.check())
 
 
-def test_what_is_no_picture(world):
+def test_a_topic_of_a_different_type(world):
     world.node.create_publisher(String, TOPIC, 10)
     world.until(lambda: "is std_msgs/msg/String, which is not an image" in world.source.check())
 
 
-def test_broken_pictures_are_told_and_the_next_is_shown(world):
+def test_broken_pictures_are_reported_and_the_next_is_shown(world):
     publisher = publishes(world, taken(JPEG[:-2]))
     assert world.troubles[-1].startswith("an image cannot be shown: its JPEG has no end")
     publisher.publish(taken())
@@ -285,12 +287,12 @@ def test_a_page_that_waits_gets_the_next_picture_at_once():
         (("--host", "no such host"), "no such host is not an address of this machine"),
     ],
 )
-def test_an_address_that_is_not_ours(arguments, said):
+def test_an_address_of_a_different_machine(arguments, said):
     with pytest.raises(ToolError, match=said):
         open_pages(options("--no-open", "--port", "0", *arguments), ("image.html",), {})
 
 
-def test_a_port_that_is_taken():
+def test_a_port_in_use():
     pages = open_pages(options("--no-open", "--port", "0"), ("image.html",), {})
     try:
         with pytest.raises(ToolError, match="in use, .* give another port with --port"):
@@ -299,12 +301,12 @@ def test_a_port_that_is_taken():
         pages.close()
 
 
-def test_a_port_that_only_root_may_have():
+def test_a_reserved_port():
     said = str(bind_error("the page", "127.0.0.1", 80, "--port", PermissionError(13, "no")))
     assert said == "the page: port 80 is reserved for root; give a port above 1023 with --port"
 
 
-def test_a_browser_is_opened_unless_it_is_not_wanted(monkeypatch):
+def test_a_browser_is_opened_unless_no_open_is_given(monkeypatch):
     opened = []
     monkeypatch.setattr("uros.tools.pages.show", opened.append)
     open_one = partial(open_pages, names=("image.html",), get={})

@@ -123,7 +123,7 @@ def test_show(capsys, folder):
     )
 
 
-def test_show_what_an_action_makes(capsys):
+def test_show_the_parts_of_an_action(capsys):
     shape = "\tint32 order\n"
     assert shown(capsys, "show", "test_msgs/action/Fibonacci_SendGoal") == (
         "unique_identifier_msgs/msg/UUID goal_id\n\tuint8[16] uuid\n"
@@ -134,7 +134,7 @@ def test_show_what_an_action_makes(capsys):
     assert "uint8 RESULT_SUCCESS=0\n" in shown(capsys, "show", "nav_msgs/srv/LoadMap_Response")
 
 
-def test_what_cannot_be_shown(capsys, folder):
+def test_types_that_cannot_be_shown(capsys, folder):
     (folder / "msg/Lost.msg").write_text("Reading r\nnowhere_msgs/Thing t\n")
     (folder / "msg/Bad.msg").write_text("int32 x\nint33 y\n")
     said = refusal(capsys, "show", "sense_msgs/Lost", "--interfaces", folder)
@@ -159,10 +159,10 @@ def test_proto(capsys):
 
 
 def files(out):
-    return {it.relative_to(out).as_posix(): it.stat().st_size for it in out.rglob("*.*")}
+    return {file.relative_to(out).as_posix(): file.stat().st_size for file in out.rglob("*.*")}
 
 
-def test_build_writes_a_module_a_type(capsys, folder, tmp_path):
+def test_build_writes_a_module_for_each_type(capsys, folder, tmp_path):
     out = tmp_path / "my lib"
     lines = shown(capsys, "build", folder, "--for-board", out).splitlines()
     made = files(out)
@@ -181,7 +181,7 @@ def test_build_writes_a_module_a_type(capsys, folder, tmp_path):
     assert "std_msgs/msg/_int32.py" not in made
 
 
-def test_build_as_bytecode_takes_the_place_of_text(capsys, folder, tmp_path):
+def test_build_of_bytecode_replaces_source(capsys, folder, tmp_path):
     out = tmp_path / "lib"
     shown(capsys, "build", folder, "--for-board", out)
     text = files(out)
@@ -212,7 +212,7 @@ def test_build_of_some_types_only(capsys, folder, tmp_path):
     }  # fmt: skip
 
 
-def test_what_cannot_be_built(capsys, folder, tmp_path, monkeypatch):
+def test_types_that_cannot_be_built(capsys, folder, tmp_path, monkeypatch):
     out = tmp_path / "out"
     for name in ("nothing", "./nothing", str(tmp_path / "nothing")):
         said = refusal(capsys, "build", name, "--for-board", out)

@@ -31,10 +31,12 @@ class Driven(Watched):
 
     def tell(self):
         """An Odometry."""
-        it = self.car.odometry
-        point = SimpleNamespace(x=it.x, y=it.y)
-        turn = SimpleNamespace(z=it.qz, w=it.qw)
-        twist = SimpleNamespace(linear=SimpleNamespace(x=it.v), angular=SimpleNamespace(z=it.w))
+        odometry = self.car.odometry
+        point = SimpleNamespace(x=odometry.x, y=odometry.y)
+        turn = SimpleNamespace(z=odometry.qz, w=odometry.qw)
+        twist = SimpleNamespace(
+            linear=SimpleNamespace(x=odometry.v), angular=SimpleNamespace(z=odometry.w)
+        )
         pose = SimpleNamespace(position=point, orientation=turn)
         message = SimpleNamespace(
             pose=SimpleNamespace(pose=pose), twist=SimpleNamespace(twist=twist)
@@ -82,11 +84,11 @@ def test_two_squares_find_the_wheels_and_the_track(seed):
     assert calibration.right_radius == pytest.approx(right, rel=0.003)
     assert calibration.left_radius == pytest.approx(left, rel=0.003)
     assert calibration.d == pytest.approx(rover.car.rover.half_track, rel=0.006)
-    nominal = max(abs(it / 0.0325 - 1) for it in (right, left))
+    nominal = max(abs(radius / 0.0325 - 1) for radius in (right, left))
     assert nominal > 0.003  # there was something to find
 
 
-def test_a_slip_of_the_pen_is_told_at_once_and_asked_again():
+def test_an_implausible_pose_is_reported_and_asked_again():
     rover = Driven(2)
     calibration = Calibration()
     rover.slips = [(98.0, 1.0)]  # centimetres
@@ -101,7 +103,7 @@ def test_a_slip_of_the_pen_is_told_at_once_and_asked_again():
     assert calibration.right_radius == pytest.approx(rover.car.rover.radii[0], rel=0.003)
 
 
-def test_a_rover_that_does_not_move_is_told():
+def test_a_rover_that_does_not_move_is_reported():
     rover = Driven(1)
     rover.car.rover.fault("right_stuck")
     rover.car.rover.fault("left_stuck")
@@ -109,7 +111,7 @@ def test_a_rover_that_does_not_move_is_told():
         square(rover, Calibration(), 1.0, 0.2, False)
 
 
-def test_each_step_of_a_turn_is_on_the_way_of_an_arc():
+def test_the_steps_of_a_turn_are_on_an_arc():
     rover = Watched()
     steps = []
     rover.on_step = lambda ds, dtheta: steps.append((ds, dtheta))
@@ -124,11 +126,13 @@ def test_each_step_of_a_turn_is_on_the_way_of_an_arc():
             twist=SimpleNamespace(twist=SimpleNamespace(linear=zero, angular=zero)),
         )
         rover.heard(message, 0.0)
-    assert steps == [pytest.approx(it) for it in ((2.0, 1.0), (3.0, 1.5), (2.0, 1.0), (5.0, 2.5))]
+    assert steps == [
+        pytest.approx(step) for step in ((2.0, 1.0), (3.0, 1.5), (2.0, 1.0), (5.0, 2.5))
+    ]
     assert rover.theta == pytest.approx(6.0)
 
 
-def test_what_is_typed():
+def test_poses_that_are_typed():
     assert read_pose("0.998 0.004\n") == (0.998, 0.004)
     assert read_pose(" 1,-0.02, 90") == (1.0, -0.02, pytest.approx(math.pi / 2))
     assert read_pose("\n") == ()
@@ -142,7 +146,7 @@ def test_what_is_typed():
         ("nan 0", "this is too far away"), ("1e9 0", "this is too far away"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_a_pose_is_told(text, words):
+def test_invalid_poses_are_reported(text, words):
     with pytest.raises(ValueError, match=words):
         read_pose(text)
 

@@ -79,7 +79,7 @@ def rover(pid):
         yield one
 
 
-def test_the_document_s_conversation(pid, rover):
+def test_the_exchange_of_the_document(pid, rover):
     """A rover that ends no lines, and a person who types in the terminal."""
     rover.sendall(b"113,-87")
     version = -1
@@ -95,7 +95,7 @@ def test_the_document_s_conversation(pid, rover):
     assert pid.wait("sent ") == "sent 200,30,5,200,30,5,1,0"
 
 
-def test_what_was_typed_wrong_is_said_and_not_sent(pid, rover):
+def test_invalid_input_is_reported_and_not_sent(pid, rover):
     pid.type("")
     pid.type("1,2,3")
     assert pid.wait("not sent") == (
@@ -114,13 +114,13 @@ def test_gains_of_the_page(pid, rover):
         assert pid.ask("/gains", wrong)[0] == 400
 
 
-def test_what_the_rover_sends_wrong_is_told_in_the_terminal(pid, rover):
+def test_invalid_lines_of_the_rover_are_printed(pid, rover):
     rover.sendall(b"\x1b[31mhello\n# flat battery\n1,2\n")
     assert "[31mhello is no whole number" in pid.wait("left out what the rover sent")
     assert pid.wait("the rover says") == "the rover says: flat battery"
 
 
-def test_nobody_is_there(pid):
+def test_no_rover_is_connected(pid):
     while (state := pid.ask("/state"))[1]["rover"]:
         pid.ask(f"/state?version={state[1]['version']}")
     status, answer = pid.ask("/gains", {"line": DOCUMENT})
@@ -133,13 +133,13 @@ def options(*arguments):
     return parser.parse_args([*arguments])
 
 
-def test_the_rover_comes_from_elsewhere_and_the_page_does_not():
+def test_the_rover_may_be_remote_and_the_page_is_local():
     assert (options().host, options().port) == ("0.0.0.0", pid_view.PORT)
     assert (options().page_host, options().page_port) == ("127.0.0.1", pid_view.PAGE_PORT)
 
 
 @pytest.mark.parametrize("option", ["--port", "--page-port"])
-def test_a_port_that_is_taken(option):
+def test_a_port_in_use(option):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         ports = {"--port": "0", "--page-port": "0", option: str(taken.getsockname()[1])}
         words = [word for pair in ports.items() for word in pair]

@@ -18,19 +18,19 @@ TALKER = "import sys; from uros.tools.cli import main; sys.exit(main(['run', 'ta
         (["run", "talker", "-r", "chatter"], "--remap: 'chatter' is no remapping rule"),
     ],
 )
-def test_what_is_wrong_is_said(arguments, said, capsys):
+def test_errors_of_the_command_line(arguments, said, capsys):
     assert cli.main(arguments) == 1
     assert said in capsys.readouterr().err
 
 
-def test_the_list_says_where_each_node_is(capsys):
+def test_the_list_has_the_place_of_each_node(capsys):
     assert cli.main(["run", "--list"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines] == list(command.PROGRAMS)
     assert lines[0].endswith("(uros.tools.run.talker)")
 
 
-def test_a_node_ends_where_nobody_reads_it():
+def test_a_node_ends_when_its_output_is_closed():
     process = subprocess.Popen(
         [sys.executable, "-c", TALKER], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
@@ -45,7 +45,7 @@ def test_a_node_ends_where_nobody_reads_it():
         process.stderr.close()
 
 
-def test_lines_come_at_once_and_a_closed_pipe_is_no_error():
+def test_lines_are_flushed_and_a_closed_pipe_is_no_error():
     class Gone(io.StringIO):
         def flush(self):
             raise BrokenPipeError

@@ -20,7 +20,7 @@ from uros.tools import cli
         (["typ"], 2, "did you mean 'type'?"),
     ],
 )
-def test_what_is_wrong_is_said(arguments, status, said, capsys, own_domain_id):
+def test_errors_of_the_command_line(arguments, status, said, capsys, own_domain_id):
     if status == 1:
         arguments = [*arguments, "--domain", str(own_domain_id)]
     assert cli.main(["service", *arguments]) == status

@@ -84,7 +84,7 @@ def test_once(capsys):
     assert capsys.readouterr().out == "data: a\n---\n"
 
 
-def test_a_broken_message_does_not_end_it(capsys):
+def test_a_broken_message_does_not_end_the_command(capsys):
     printer = topic_echo.Printer(options())
     printer.show(Received(b"\0\1\0\0\xff\0\0\0", 0, 0), STRING)
     captured = capsys.readouterr()
@@ -92,7 +92,7 @@ def test_a_broken_message_does_not_end_it(capsys):
     assert not printer.count
 
 
-def test_a_flood_of_broken_messages_is_told_of_in_few_lines(capsys):
+def test_a_flood_of_broken_messages_has_few_warnings(capsys):
     printer = topic_echo.Printer(options())
     for _ in range(150):
         printer.show(Received(b"\0\1\0\0\xff\0\0\0", 0, 0), STRING)
@@ -111,12 +111,12 @@ def chosen(*arguments, offered=()):
     return choose(options(*arguments), offered)
 
 
-def test_without_publishers_it_matches_all():
+def test_without_publishers_the_subscription_matches_all():
     profile, notes = chosen()
     assert not profile.reliable and not profile.transient_local and not notes
 
 
-def test_it_follows_the_publishers():
+def test_qos_follows_the_publishers():
     profile, notes = chosen(offered=[LATCHED])
     assert profile.reliable and profile.transient_local and not notes
     profile, notes = chosen(offered=[LATCHED, LOSSY])
@@ -125,7 +125,7 @@ def test_it_follows_the_publishers():
     assert profile.reliable
 
 
-def test_what_is_given_wins():
+def test_qos_options_override_the_publishers():
     profile, notes = chosen(
         "--qos-reliability", "best_effort", "--qos-durability", "volatile", offered=[LATCHED]
     )

@@ -17,13 +17,13 @@ def test_one_message_is_no_rate():
     assert report({"/x": fed(0)}) == ""
 
 
-def test_what_ros2_prints():
+def test_the_output_is_that_of_ros2():
     assert report({"/x": fed(0, 100, 210, 300)}) == (
         "average rate: 10.000\n\tmin: 0.090s max: 0.110s std dev: 0.00816s window: 3\n"
     )
 
 
-def test_nothing_new_is_not_printed_again():
+def test_a_rate_without_new_messages_is_not_printed_again():
     rate = fed(0, 100)
     assert report({"/x": rate})
     assert report({"/x": rate}) == ""

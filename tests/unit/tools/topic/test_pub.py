@@ -110,7 +110,7 @@ PROBE = (
     "    except SystemExit: pass\n"
     "main(['run', '--list'])\n"
     "heavy = ('cyclonedds', 'ctypes', 'rclpy', 'yaml', 'uros.middleware', 'uros.interfaces')\n"
-    "print([it for it in heavy if it in sys.modules])\n"
+    "print([name for name in heavy if name in sys.modules])\n"
 )
 
 
@@ -130,7 +130,7 @@ def subscriber(own_domain_id):
         yield ["--domain", str(own_domain_id)]
 
 
-def test_who_waits_for_subscribers_of_a_misspelt_topic_is_told(subscriber, capsys):
+def test_waiting_for_subscribers_of_a_misspelt_topic_prints_a_hint(subscriber, capsys):
     wrong = ["topic", "pub", "--once", "--max-wait-time-secs", "3", "/led_brightnes"]
     assert cli.main([*wrong, "std_msgs/msg/Float32", "data: 0.2", *subscriber]) == 1
     said = capsys.readouterr().err
@@ -138,14 +138,14 @@ def test_who_waits_for_subscribers_of_a_misspelt_topic_is_told(subscriber, capsy
     assert said.count("did you mean '/led_brightness'?") == 1
 
 
-def test_who_publishes_on_a_misspelt_topic_is_told_once(subscriber, capsys):
+def test_publishing_on_a_misspelt_topic_prints_a_hint_once(subscriber, capsys):
     wrong = ["topic", "pub", "--times", "30", "-w", "0", "-r", "10", "/led_brightnes"]
     assert cli.main([*wrong, "std_msgs/msg/Float32", "data: 0.2", *subscriber]) == 0
     said = capsys.readouterr().err
     assert said.count("did you mean '/led_brightness'?") == 1
 
 
-def test_who_publishes_to_nobody_hears_nothing_of_it(subscriber, capsys):
+def test_publishing_without_subscribers_prints_no_hint(subscriber, capsys):
     alone = ["topic", "pub", "--times", "15", "-w", "0", "-r", "10", "/another"]
     assert cli.main([*alone, "std_msgs/msg/Float32", "data: 0.2", *subscriber]) == 0
     assert capsys.readouterr().err == ""

@@ -59,12 +59,15 @@ def test_scalars(type_name, text, value):
     assert data == value and type(data) is type(value)
 
 
-def test_nested_fields_and_what_is_not_given():
+def test_nested_fields_and_defaults():
     twist = filled("geometry_msgs/Twist", "{linear: {x: 0.2}}")
     assert (twist.linear.x, twist.linear.y, twist.angular.z) == (0.2, 0.0, 0.0)
     assert filled("geometry_msgs/Quaternion", "").w == 1.0  # the definition's default
     array = filled("std_msgs/Int8MultiArray", "{layout: {dim: [{label: a, size: 3}, {}]}}")
-    assert [(it.label, it.size) for it in array.layout.dim] == [("a", 3), ("", 0)]
+    assert [(dimension.label, dimension.size) for dimension in array.layout.dim] == [
+        ("a", 3),
+        ("", 0),
+    ]
 
 
 @pytest.mark.parametrize(
@@ -98,7 +101,7 @@ def test_nested_fields_and_what_is_not_given():
         ("std_msgs/Empty", "[]", "such as {}, not []"),
     ],
 )  # fmt: skip
-def test_what_does_not_fit_is_told_with_its_field(type_name, text, said):
+def test_invalid_values_are_reported_with_their_field(type_name, text, said):
     with pytest.raises(ToolError) as refused:
         filled(type_name, text)
     assert said in str(refused.value)
@@ -115,11 +118,11 @@ def test_the_time_is_set_each_time():
     assert other.message.stamp.nanosec == 5 and other.message.frame_id == "auto"
 
 
-def test_a_list_of_messages_has_one_each():
+def test_a_list_of_messages_has_a_value_for_each():
     path = Filled(load("nav_msgs/Path"), "{poses: [{header: auto}, {}, {header: {frame_id: b}}]}")
     path.stamp(3)
-    assert [it.header.stamp.nanosec for it in path.message.poses] == [3, 0, 0]
-    assert [it.header.frame_id for it in path.message.poses] == ["", "", "b"]
+    assert [pose.header.stamp.nanosec for pose in path.message.poses] == [3, 0, 0]
+    assert [pose.header.frame_id for pose in path.message.poses] == ["", "", "b"]
 
 
 # What PyYAML writes of U+0085 is not what it reads, and topic echo prints what it writes. Bytes
@@ -132,7 +135,7 @@ FLOATS = st.floats(allow_nan=False)
     st.builds(
         load("test_msgs/UnboundedSequences"),
         bool_values=st.lists(st.booleans(), max_size=3),
-        byte_values=st.lists(st.integers(0, 255).filter(lambda it: it != 0x85), max_size=3),
+        byte_values=st.lists(st.integers(0, 255).filter(lambda value: value != 0x85), max_size=3),
         float32_values=st.lists(st.floats(width=32, allow_nan=False), max_size=3),
         float64_values=st.lists(FLOATS, max_size=3),
         int8_values=st.lists(st.integers(-128, 127), max_size=3),
@@ -145,7 +148,7 @@ FLOATS = st.floats(allow_nan=False)
         point=st.builds(load("geometry_msgs/Point"), x=FLOATS, y=FLOATS, z=FLOATS),
     )
 )
-def test_what_echo_prints_can_be_published(message):
+def test_output_of_echo_can_be_published(message):
     text = dump(plain.plain(message, plain.Show(truncate=None)))
     assert to_cdr(Filled(type(message), text).message) == to_cdr(message)
 

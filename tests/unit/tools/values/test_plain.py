@@ -95,7 +95,7 @@ def test_fields():
         ("header.stamp.x", "builtin_interfaces/msg/Time has no field 'x'; it has sec, nanosec"),
     ],
 )
-def test_fields_that_are_not_there(path, said):
+def test_unknown_fields(path, said):
     with pytest.raises(values.FieldError) as caught:
         values.select(image(), path.split("."))
     assert said in str(caught.value)

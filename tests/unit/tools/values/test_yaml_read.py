@@ -76,7 +76,7 @@ def test_plain_scalars_are_those_of_yaml_1_1(text, value):
     assert found == value and type(found) is type(value)
 
 
-def test_what_was_quoted_is_told_from_what_was_not():
+def test_quoted_scalars_are_distinguished():
     node = read("{a: 1, b: '1'}")
     assert isinstance(node["a"], Plain) and not isinstance(node["b"], Plain)
 
@@ -128,14 +128,14 @@ def test_what_was_quoted_is_told_from_what_was_not():
         ("%YAML 1." + "1" * 5000 + "\n--- a", "line 1, column 9"),
     ],
 )
-def test_what_is_refused(text, said):
+def test_documents_that_are_rejected(text, said):
     with pytest.raises(YamlError) as refused:
         read(text)
     assert said in str(refused.value)
     assert "\n" not in str(refused.value) and str(refused.value).startswith("line ")
 
 
-def test_a_stack_that_is_nearly_used_up():
+def test_a_nearly_full_stack():
     def below(frames):
         return below(frames - 1) if frames else read("[" * 60 + "]" * 60)
 
@@ -159,7 +159,7 @@ WORDS = ["!!str ", "&a ", "*a", "<<: ", "---\n", "...\n", "%YAML 1.1\n", ">-\n",
     | st.text(st.sampled_from(SIGNS), max_size=30)
     | st.lists(st.sampled_from([*SIGNS, *WORDS]), max_size=20).map("".join)
 )
-def test_any_text_is_read_or_refused(text):
+def test_any_text_is_read_or_rejected(text):
     try:
         python_of(read(text))
     except YamlError:
@@ -172,7 +172,7 @@ TEXTS = st.text(CHARACTERS, max_size=20) | st.sampled_from(
     ["yes", "1", "- a", "a: b", "x\n\ny ", "'", '"', "#", "{", "0x1", "~", "2020-01-01", "<<"]
 )
 SCALARS = st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | TEXTS
-NAMES = st.text("abcdefgh_0", min_size=1, max_size=6).filter(lambda it: resolve(it) == it)
+NAMES = st.text("abcdefgh_0", min_size=1, max_size=6).filter(lambda text: resolve(text) == text)
 DOCUMENTS = st.recursive(
     SCALARS,
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(NAMES, inner, max_size=4),
@@ -181,5 +181,5 @@ DOCUMENTS = st.recursive(
 
 
 @given(DOCUMENTS, st.booleans())
-def test_what_we_write_is_read_as_it_was(value, flow):
+def test_written_values_are_read_unchanged(value, flow):
     assert python_of(read(dump(value, flow))) == value

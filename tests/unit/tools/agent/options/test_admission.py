@@ -22,13 +22,13 @@ def made(line):
     return make_admission(got, rules.make_rules(got))
 
 
-def test_nothing_said_lets_all_in_and_forgets_after_the_agents_time():
+def test_by_default_all_clients_are_admitted_until_the_default_dead_time():
     one = made("udp4")
     assert (one.keys, one.networks, one.max_clients) == (frozenset(), (), 4096)
     assert options("udp4").dead_time is None
 
 
-def test_what_stands_behind_any_transport_adds_up(tmp_path):
+def test_options_of_all_transports_are_combined(tmp_path):
     file = tmp_path / "rules.toml"
     file.write_text('[admission]\nkeys = ["0x10"]\nmax_clients = 9\n')
     one = made(
@@ -36,7 +36,7 @@ def test_what_stands_behind_any_transport_adds_up(tmp_path):
         " --allow-net fd00::/8 --max-clients 7"
     )
     assert one.keys == {0x10, 0x11, 0x12}
-    assert [str(it) for it in one.networks] == ["10.0.0.0/8", "fd00::/8"]
+    assert [str(network) for network in one.networks] == ["10.0.0.0/8", "fd00::/8"]
     assert one.max_clients == 7
 
 
@@ -46,7 +46,7 @@ def test_dead_time(text, seconds):
 
 
 @pytest.mark.parametrize("text", ["x", "nan", "inf", "86401", "1e99", "1_0.0.0"])
-def test_a_dead_time_that_is_none(text, capsys):
+def test_invalid_dead_times(text, capsys):
     with pytest.raises(SystemExit):
         parts(f"udp4 --dead-time {text}")
     assert f"{text!r} is not a number of seconds from 0 (never) to 86400" in capsys.readouterr().err
@@ -61,7 +61,7 @@ def test_a_dead_time_that_is_none(text, capsys):
         ("--max-clients 5000", "the command line: max_clients is 5000, not a whole number"),
     ],
 )
-def test_mistakes_end_the_agent_and_are_named(line, said):
+def test_invalid_options_end_the_agent_with_their_name(line, said):
     with pytest.raises(ToolError, match=re.escape(said)):
         command.run(parser().parse_args(["udp4", "-p", "0", "-m", "memory", *line.split()]))
 
@@ -73,7 +73,7 @@ def test_a_mistake_in_a_file_names_the_file(tmp_path):
         command.run(parser().parse_args(["udp4", "-m", "memory", "--control", str(file)]))
 
 
-def test_an_agent_started_with_them_holds_to_them():
+def test_a_running_agent_applies_the_options():
     line = ("udp4", "-p", 0, "-m", "memory", "--allow-key", "0x11", "--dead-time", "0")
     with process(*line) as one:
         port = int(one.until(r"running\.\.\. +\| port: (\d+)")[1])
@@ -87,8 +87,8 @@ def test_an_agent_started_with_them_holds_to_them():
             other.close()
 
 
-def test_the_help_tells_the_defaults():
-    (udp,) = [it for it in parser()._actions if it.dest == "transport"]
+def test_the_help_has_the_defaults():
+    (udp,) = [action for action in parser()._actions if action.dest == "transport"]
     said = " ".join(udp.choices["udp4"].format_help().split())
     assert f"(default: {MAX_CLIENTS}, which is also the highest)" in said
     assert f"(default: {DEAD_TIME:.0f}; 0: never)" in said

@@ -16,24 +16,24 @@ def options(*words):
     return command._common(command._parts(parser.parse_args(["udp4", *words])))
 
 
-def test_there_is_no_capture_unless_one_is_asked_for():
+def test_there_is_no_capture_by_default():
     found = options()
     assert (found.capture, found.capture_size) == (None, 100)
 
 
-def test_file_and_size_may_stand_behind_any_transport():
+def test_file_and_size_may_follow_any_transport():
     found = options("--capture", "a.pcapng", "tcp4", "--capture-size", "7")
     assert (found.capture, found.capture_size) == ("a.pcapng", 7)
 
 
 @pytest.mark.parametrize("size", ["0", "-1", "x", "1.5"])
-def test_a_size_that_is_none(capsys, size):
+def test_invalid_sizes(capsys, size):
     with pytest.raises(SystemExit):
         options(f"--capture-size={size}")
     assert "is not an integer above 0" in capsys.readouterr().err
 
 
-def test_what_cannot_be_captured_into_ends_the_agent_with_a_line(tmp_path):
+def test_a_file_that_cannot_be_written_ends_the_agent_with_a_line(tmp_path):
     path = tmp_path / "thesis.pcapng"
     path.write_text("my thesis")
     status, said = refused("udp4", "-p", "0", "-m", "memory", "--capture", path)
@@ -54,7 +54,7 @@ def test_state_and_capture_are_two_files(tmp_path):
     assert not (tmp_path / "it").exists()
 
 
-def test_an_agent_tells_where_it_captures_and_how_much(tmp_path):
+def test_an_agent_logs_the_file_and_the_size_of_its_capture(tmp_path):
     path = tmp_path / "it.pcapng"
     with started("udp4", "-p", 0, "-m", "memory", "--capture", path) as process:
         process.until(r"running\.\.\.")

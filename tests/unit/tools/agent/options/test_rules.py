@@ -15,19 +15,19 @@ def settings(line, key=1, node="/n"):
     return make_rules(options(line)).settings(key, "10.0.0.1:7", node)
 
 
-def test_rules_of_the_command_line_are_for_all():
+def test_rules_of_the_command_line_apply_to_all_clients():
     got = settings(
         "udp4 --namespace hall --remap a:=/b --remap /c:=d --max-rate 2.5 tcp4 --max-size 100"
         " --qos /odom:reliability=best_effort,depth=1 --qos o*:depth=2"
     )
-    assert [got.topic(f"rt/{it}") for it in "ace"] == ["rt/b", "rt/d", "rt/hall/e"]
+    assert [got.topic(f"rt/{name}") for name in "ace"] == ["rt/b", "rt/d", "rt/hall/e"]
     assert (got.max_rate, got.max_size) == (2.5, 100)
     qos = QoSProfile(9)
     got.apply(qos, "rt/odom")
     assert (qos.depth, qos.reliability) == (2, ReliabilityPolicy.BEST_EFFORT)
 
 
-def test_the_command_line_has_the_last_word(tmp_path):
+def test_the_command_line_overrides_the_file(tmp_path):
     one, two = tmp_path / "one.toml", tmp_path / "two.toml"
     one.write_text("[[client]]\nnamespace = 'one'\nmax_size = 1\nmax_rate = 1\n")
     two.write_text("[[client]]\nkey = 1\nnamespace = 'two'\nmax_size = 2\n")
@@ -53,7 +53,7 @@ def test_the_command_line_has_the_last_word(tmp_path):
         ("--control /nowhere.toml", "/nowhere.toml: No such file"),
     ],
 )
-def test_wrong_rules_say_what_would_be_right(line, said):
+def test_errors_of_invalid_rules_have_the_remedy(line, said):
     with pytest.raises(ToolError, match=re.escape(said)):
         command.run(parser().parse_args(["udp4", "-p", "0", "-m", "memory", *line.split()]))
 
@@ -66,7 +66,7 @@ def test_wrong_rules_say_what_would_be_right(line, said):
         ("--domain 233", "'233' is not a domain; give 0 to 232"),
     ],
 )
-def test_invalid_numbers_are_refused(line, said, capsys):
+def test_invalid_numbers_are_rejected(line, said, capsys):
     with pytest.raises(SystemExit):
         parts(f"udp4 {line}")
     assert said in capsys.readouterr().err

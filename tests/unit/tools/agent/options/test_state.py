@@ -102,7 +102,7 @@ def agent(own_domain_id, tmp_path):
 
 
 def numbers(samples):
-    return [struct.unpack_from("<I", it)[0] for it in samples]
+    return [struct.unpack_from("<I", sample)[0] for sample in samples]
 
 
 def wait(done, what, clients=(), seconds=20.0):
@@ -124,8 +124,8 @@ def far_end(own_domain_id):
         return ends[-1]
 
     yield make
-    for it in ends:
-        it.close()
+    for end in ends:
+        end.close()
 
 
 class Publisher:
@@ -152,17 +152,17 @@ class Publisher:
     def missing(self):
         """Numbers that were acknowledged after the far end heard, and that it did not hear."""
         got = numbers(self.far.samples)
-        acknowledged = sum(it <= self.client.acknowledged for it in self.written)
+        acknowledged = sum(number <= self.client.acknowledged for number in self.written)
         return sorted(set(range(got[0], acknowledged)) - set(got))
 
 
 def publish(publishers, seconds, pause=0.002):
     end = time.monotonic() + seconds
     while time.monotonic() < end:
-        for it in publishers:
-            if it.client.room > (it.size + 20) // 488 + 1:
-                it.count_up()
-            while it.client.turn(0):
+        for publisher in publishers:
+            if publisher.client.room > (publisher.size + 20) // 488 + 1:
+                publisher.count_up()
+            while publisher.client.turn(0):
                 pass
         select_pause(pause)
 
@@ -172,15 +172,25 @@ def select_pause(seconds):
 
 
 def settle(publishers):
-    clients = [it.client for it in publishers]
-    wait(lambda: all(not it._out for it in clients), "not everything is acknowledged", clients)
+    clients = [publisher.client for publisher in publishers]
     wait(
-        lambda: all(numbers(it.far.samples)[-1] == len(it.written) - 1 for it in publishers),
-        lambda: [(len(it.written), numbers(it.far.samples)[-3:]) for it in publishers],
+        lambda: all(not publisher._out for publisher in clients),
+        "not everything is acknowledged",
+        clients,
+    )
+    wait(
+        lambda: all(
+            numbers(publisher.far.samples)[-1] == len(publisher.written) - 1
+            for publisher in publishers
+        ),
+        lambda: [
+            (len(publisher.written), numbers(publisher.far.samples)[-3:])
+            for publisher in publishers
+        ],
     )
 
 
-def test_killed_again_and_again_under_load(agent, far_end):
+def test_no_sample_is_lost_in_repeated_kills_under_load(agent, far_end):
     publishers = [
         Publisher(agent, far_end, 0xA001),
         Publisher(agent, far_end, 0xA002, session_id=0x01),
@@ -191,7 +201,7 @@ def test_killed_again_and_again_under_load(agent, far_end):
         publishers[0].client.shy = True
         if not pause:  # and what it hears first is news
             settle(publishers)
-        before = [it.client.acknowledged for it in publishers]
+        before = [publisher.client.acknowledged for publisher in publishers]
         agent.kill()
         publish(publishers, pause)
         agent.start()
@@ -203,14 +213,14 @@ def test_killed_again_and_again_under_load(agent, far_end):
             )
     publish(publishers, 0.3)
     settle(publishers)
-    for it in publishers:
-        assert len(it.written) > 100
-        assert it.missing() == []
+    for publisher in publishers:
+        assert len(publisher.written) > 100
+        assert publisher.missing() == []
     assert len(agent.said("session restored")) == 9
     assert not agent.said("error") and not agent.said("warning")
 
 
-def test_a_subscriber_goes_on_and_misses_nothing_it_was_sent(agent, far_end):
+def test_a_subscriber_continues_after_a_kill_without_losses(agent, far_end):
     client = connect(agent, 0xB001)
     client.topic("rt/back", TYPE)
     client.reader()
@@ -245,7 +255,7 @@ def test_an_orderly_restart_keeps_sessions_too(agent, far_end):
     assert publisher.missing() == []
 
 
-def test_the_second_agent_is_told_that_the_file_is_in_use(agent, own_domain_id, tmp_path):
+def test_a_second_agent_reports_that_the_file_is_in_use(agent, own_domain_id, tmp_path):
     command = [
         sys.executable, "-m", "uros", "agent", "udp4", "-p", "0", "-m", "memory",
         "--state", str(tmp_path / "state"),
@@ -278,5 +288,5 @@ def test_a_transient_local_writer_has_its_last_sample_after_a_kill(agent, far_en
         wait(lambda: (middleware.dispatch(), got)[1], "no sample for the late reader")
     finally:
         middleware.close()
-    assert numbers(bytes(it)[4:] for it in got) == [2]
+    assert numbers(bytes(sample)[4:] for sample in got) == [2]
     assert os.stat(agent._command[-1]).st_mode & 0o777 == 0o600
