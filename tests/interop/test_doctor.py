@@ -7,7 +7,7 @@ import re
 
 import pytest
 from conftest import leased_domain
-from support.doctor import agent, board, look, one_of, spare_port
+from support.doctor import agent, board, one_of, run_doctor, spare_port
 from support.peer import RosPeer
 
 TEMPERATURE = "sensor_msgs/msg/Temperature"
@@ -26,7 +26,7 @@ def test_a_healthy_pair(peer, domain, port):
     """A board and a node that match: the doctor reports no problem."""
     peer.do("subscribe", topic="/temp", type=TEMPERATURE)
     with agent(port) as which, board(port, domain):
-        problems, findings = look(which, domain, port)
+        problems, findings = run_doctor(which, domain, port)
     peer.do("unsubscribe", topic="/temp")
     assert problems == []
     for check in ("domain", "types", "qos", "clock"):
@@ -36,11 +36,11 @@ def test_a_healthy_pair(peer, domain, port):
 def test_a_reliable_subscription_of_a_best_effort_board(peer, domain, port):
     peer.do("subscribe", topic="/temp", type=TEMPERATURE)
     with agent(port) as which, board(port, domain, BEST_EFFORT):
-        (problem,), _ = look(which, domain, port)
+        (problem,), _ = run_doctor(which, domain, port)
         assert "/board publishes on /temp reaches /real/peer: reliability offered" in problem.what
     option = re.fullmatch(r"start the agent with --qos (\S+)", problem.fix)[1]
     with agent(port, "--qos", option) as which, board(port, domain, BEST_EFFORT):
-        assert look(which, domain, port)[0] == []
+        assert run_doctor(which, domain, port)[0] == []
         peer.message("/temp")  # a sample arrives
     peer.do("unsubscribe", topic="/temp")
 
@@ -48,11 +48,11 @@ def test_a_reliable_subscription_of_a_best_effort_board(peer, domain, port):
 def test_a_latched_subscription_of_a_volatile_board(peer, domain, port):
     peer.do("subscribe", topic="/temp", type=TEMPERATURE, durability="transient_local")
     with agent(port) as which, board(port, domain):
-        (problem,), _ = look(which, domain, port)
+        (problem,), _ = run_doctor(which, domain, port)
         assert "durability offered is volatile, requested transient_local" in problem.what
     option = re.fullmatch(r"start the agent with --qos (\S+)", problem.fix)[1]
     with agent(port, "--qos", option) as which, board(port, domain):
-        assert look(which, domain, port)[0] == []
+        assert run_doctor(which, domain, port)[0] == []
         peer.message("/temp")
     peer.do("unsubscribe", topic="/temp")
 
@@ -60,12 +60,12 @@ def test_a_latched_subscription_of_a_volatile_board(peer, domain, port):
 def test_a_subscription_with_another_type(peer, domain, port):
     peer.do("subscribe", topic="/temp", type="std_msgs/msg/String")
     with agent(port) as which, board(port, domain):
-        (problem,), _ = look(which, domain, port)
+        (problem,), _ = run_doctor(which, domain, port)
     assert problem.check == "types"
     assert "Temperature in /board" in problem.what and "String in /real/peer" in problem.what
     rule = re.search(r"--remap (\S+)\)", problem.fix)[1]
     with agent(port, "--remap", rule) as which, board(port, domain):
-        assert look(which, domain, port)[0] == []
+        assert run_doctor(which, domain, port)[0] == []
     peer.do("unsubscribe", topic="/temp")
 
 
@@ -73,7 +73,7 @@ def test_a_node_in_another_domain(ros_python, domain, port):
     with leased_domain() as peer_domain, RosPeer(ros_python, peer_domain) as peer:
         peer.do("subscribe", topic="/temp", type=TEMPERATURE)
         with agent(port) as which, board(port, domain):
-            (problem,), _ = look(which, peer_domain, port)
+            (problem,), _ = run_doctor(which, peer_domain, port)
             assert problem.check == "domain"
             assert f"/real/peer subscribes to it in domain {peer_domain}" in problem.what
         # The first half of the fix: the node joins the domain of the board.
@@ -82,5 +82,5 @@ def test_a_node_in_another_domain(ros_python, domain, port):
         # The second half: the agent puts the board into the domain of the node.
         number = re.search(r"start the agent with --domain (\d+)$", problem.fix)[1]
         with agent(port, "--domain", number) as which, board(port, domain):
-            assert look(which, peer_domain, port)[0] == []
+            assert run_doctor(which, peer_domain, port)[0] == []
             peer.message("/temp")

@@ -29,4 +29,4 @@ def place(places, transport, ground):
     """An agent in the domain of ``ground``."""
     yield places[transport]
     places[transport].land()
-    ground.see_them_gone()
+    ground.wait_for_empty_graph()

@@ -40,7 +40,7 @@ def own_place(transport, own_domain_id):
 def udp(places, ground):
     yield places["udp"]
     places["udp"].land()
-    ground.see_them_gone()
+    ground.wait_for_empty_graph()
 
 
 # --- the ROS graph -------------------------------------------------------------------------

@@ -45,7 +45,7 @@ def land(vehicle, link, ground):
     link.calm = True
     vehicle.land()
     link.close()
-    ground.see_them_gone()
+    ground.wait_for_empty_graph()
 
 
 def sample(number, size=80):

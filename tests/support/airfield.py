@@ -216,7 +216,7 @@ class Ground:
         self.samples = defaultdict(list)  # DDS topic → samples, as plain CDR
         self.count = 0
 
-    def see_them_gone(self):
+    def wait_for_empty_graph(self):
         """Wait until the graph has no node and topic of vehicles any more."""
         self.forget()
         graph = self.graph

@@ -146,7 +146,7 @@ class FakeAgent:
         self.is_open = False
         self.opened = self.posted = 0
         self.forget()
-        self.hellos = []  # (clock in ms, session id)
+        self.create_clients = []  # (clock in ms, session id)
         self.pings = []  # (clock in ms, within a session)
 
     def forget(self):
@@ -227,7 +227,7 @@ class FakeAgent:
         """Process a datagram of the board."""
         (session_id, stream, sequence, _), parts = unpack(datagram)
         if session_id == ids.SESSION_NONE_WITHOUT_KEY:
-            self.stranger(*parts[0])
+            self.outside_session(*parts[0])
         elif session_id != self.session_id:
             return
         elif stream < ids.STREAM_RELIABLE:
@@ -248,7 +248,7 @@ class FakeAgent:
         first, missing = self.into.acknack()
         self.answer(ids.ACKNACK, built(session.push_acknack, first, missing, ids.STREAM_RELIABLE))
 
-    def stranger(self, kind, flags, payload):
+    def outside_session(self, kind, flags, payload):
         r = Reader(payload, 0, len(payload), True)
         if kind == ids.GET_INFO:
             self.pings.append((self.clock.ms(), False))
@@ -257,7 +257,7 @@ class FakeAgent:
         elif kind == ids.CREATE_CLIENT:
             values = session.pull_create_client(r)
             assert values[0] == b"XRCE" and values[3] == KEY and values[6] == self.mtu, values
-            self.hellos.append((self.clock.ms(), values[4]))
+            self.create_clients.append((self.clock.ms(), values[4]))
             self.session_id = values[4]
             self.streams()
             self.answer(ids.STATUS_AGENT, built(session.push_status_agent, self.status))

@@ -112,7 +112,7 @@ def listener(domain, type=Temperature, topic="/temp"):
     return spinning(make)
 
 
-def look(agent, domain, port, *options):
+def run_doctor(agent, domain, port, *options):
     """Run `uros doctor`; (the problems, all findings)."""
     done = subprocess.run(
         [sys.executable, "-m", "uros", "doctor", "--json", "--domain", str(domain), "--port",

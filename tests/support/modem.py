@@ -72,7 +72,7 @@ class Setup:
         return self.network.links[-1]
 
 
-def trouble(call, *arguments):
+def os_error(call, *arguments):
     """The text of the OSError that ``call`` must raise."""
     try:
         result = call(*arguments)
@@ -190,7 +190,7 @@ def attempts(place, moment):
     raise AssertionError(f"it does not come up: {moment}")
 
 
-def passes_over_what_is_too_long(place, long):
+def drops_messages_that_are_too_long(place, long):
     """Messages over 64 octets are dropped and counted; ``long`` has a start of a message inside."""
     link_up(place.transport)
     place.link.incoming.extend([bytes(65), b"fits", long, bytes(64)])

@@ -15,7 +15,7 @@ _HARMFUL = {"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"}
 _INVISIBLE = "\u034f\u115f\u1160\u17b4\u17b5\u3164\uffa0"
 
 
-def seen(output: str) -> list[str]:
+def visible_lines(output: str) -> list[str]:
     """The lines of an output, after a check that no text is hidden, moved or forged.
 
     Raises AssertionError where a terminal would do more than show text and begin lines, and where a

@@ -36,7 +36,8 @@ class StubbornClient:
         self.key = key
         self.session_id = session_id
         self._connect(port)
-        self.shy = False  # as C clients that look at their session more often than each 100 ms
+        # As C clients that run their session more often than each 100 ms.
+        self.without_heartbeats = False
         self.last_acknown = 0xFFFF
         self.last_sent = 0xFFFF
         self._out = {}
@@ -134,7 +135,7 @@ class StubbornClient:
 
     def _beat(self):
         now = self._now()
-        if not self._out or self.shy:
+        if not self._out or self.without_heartbeats:
             self._beat_at = now + HEARTBEAT
         elif now >= self._beat_at:
             self._beat_at = now + HEARTBEAT

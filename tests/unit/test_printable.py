@@ -5,7 +5,7 @@ import io
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.screen import HOSTILE, UNENCODABLE, seen
+from support.screen import HOSTILE, UNENCODABLE, visible_lines
 
 from uros.printable import (
     PrintableStream,
@@ -49,7 +49,7 @@ def test_allowed_characters_are_not_escaped():
 @given(st.text(st.characters()))
 def test_any_text_is_one_safe_line(text):
     for safe in (printable(text), printable_ascii(text)):
-        assert len(seen(safe)) == 1
+        assert len(visible_lines(safe)) == 1
     assert printable_ascii(text).isascii()
     assert printable(printable(text)) == printable(text)
 
@@ -63,7 +63,7 @@ def written(text, encoding="utf-8"):
 
 def test_a_stream_passes_lines_and_tabs_and_escapes_the_rest():
     assert written("a\tb\nc\rd\x1b") == "a\tb\nc\\rd\\x1b\n"
-    seen(written(HOSTILE.replace("\n", "") + UNENCODABLE))
+    visible_lines(written(HOSTILE.replace("\n", "") + UNENCODABLE))
 
 
 def test_a_stream_escapes_characters_outside_its_encoding():

@@ -152,7 +152,7 @@ def test_from_the_first_ping_to_connected() -> None:
     entities = [FakeEntity(name, connection=bench.connection) for name in ("one", "two")]
     bench.run(1)
     assert bench.states == [(0, AGENT_AVAILABLE), (0, AGENT_CONNECTED)]
-    assert bench.agent.hellos == [(1000, 0x81)]
+    assert bench.agent.create_clients == [(1000, 0x81)]
     assert bench.agent.requests == [
         (ids.CREATE, 0x01), (ids.READ_DATA, 0x01), (ids.CREATE, 0x11), (ids.READ_DATA, 0x11),
     ]  # fmt: skip
@@ -178,27 +178,27 @@ def test_a_lost_create_client_is_repeated() -> None:
     bench = Bench()
     bench.agent.status = None
 
-    def stranger(kind, flags, payload, usual=bench.agent.stranger):
+    def outside_session(kind, flags, payload, usual=bench.agent.outside_session):
         if kind == ids.CREATE_CLIENT and bench.now() < 500:
-            bench.agent.hellos.append((bench.now(), 0))
+            bench.agent.create_clients.append((bench.now(), 0))
         else:
             bench.agent.status = ids.STATUS_OK
             usual(kind, flags, payload)
 
-    bench.agent.stranger = stranger
+    bench.agent.outside_session = outside_session
     bench.until(AGENT_CONNECTED)
-    assert bench.agent.hellos == [(0, 0), (200, 0), (400, 0), (1600, 0x81)]
+    assert bench.agent.create_clients == [(0, 0), (200, 0), (400, 0), (1600, 0x81)]
 
 
 def test_an_unanswered_create_client_ends_in_waiting_agent() -> None:
     bench = Bench()
-    usual = bench.agent.stranger
+    usual = bench.agent.outside_session
 
-    def stranger(kind, flags, payload):
+    def outside_session(kind, flags, payload):
         if kind == ids.GET_INFO:
             usual(kind, flags, payload)
 
-    bench.agent.stranger = stranger
+    bench.agent.outside_session = outside_session
     bench.run(2600)
     assert bench.states == [
         (0, AGENT_AVAILABLE), (2000, AGENT_DISCONNECTED), (2000, WAITING_AGENT),
@@ -216,7 +216,7 @@ def test_late_and_repeated_pongs_are_ignored() -> None:
         bench.agent.post(message(ids.INFO, info, session_id=0x80))
     bench.run(5)
     assert [state for _, state in bench.states] == [AGENT_AVAILABLE, AGENT_CONNECTED]
-    assert len(bench.agent.hellos) == 1
+    assert len(bench.agent.create_clients) == 1
 
 
 def test_a_slow_line_answers_two_create_clients_and_connects() -> None:
@@ -225,7 +225,7 @@ def test_a_slow_line_answers_two_create_clients_and_connects() -> None:
     bench.agent.delay = (150000, 150000)
     bench.run(5000)
     assert [state for _, state in bench.states] == [AGENT_AVAILABLE, AGENT_CONNECTED]
-    assert [session_id for _, session_id in bench.agent.hellos] == [0x81, 0x81]
+    assert [session_id for _, session_id in bench.agent.create_clients] == [0x81, 0x81]
     bench.agent.sample(0x01, b"abcd")
     bench.run(500)
     assert entity.data == [b"abcd"]
@@ -345,7 +345,7 @@ def test_a_refused_entity_is_logged_with_its_status_and_retried_after_a_pause() 
     ]  # fmt: skip
     assert bench.lines == ["uros: the agent refuses bad: ERR_RESOURCES"] * 3
     assert bench.connection.reason == "the agent refuses bad: ERR_RESOURCES"
-    assert [session_id for _, session_id in bench.agent.hellos] == [0x81, 0x82, 0x83]
+    assert [session_id for _, session_id in bench.agent.create_clients] == [0x81, 0x82, 0x83]
     assert bench.connection.connections == 0
     bench.agent.refuse = {}
     bench.run(500)
@@ -528,7 +528,13 @@ def test_all_entities_are_created_again_at_each_agent() -> None:
         bench.until(WAITING_AGENT)
     assert entities[1].data == [bytes((i,)) for i in range(5)]
     assert entities[0].lost == 5 and bench.connection.connections == 5
-    assert [session_id for _, session_id in bench.agent.hellos] == [0x81, 0x82, 0x83, 0x84, 0x85]
+    assert [session_id for _, session_id in bench.agent.create_clients] == [
+        0x81,
+        0x82,
+        0x83,
+        0x84,
+        0x85,
+    ]
     assert [state for _, state in bench.states] == (CYCLE[2:] + CYCLE[:2]) * 5
 
 
@@ -597,7 +603,7 @@ def test_an_agent_restarts_while_entities_are_created() -> None:
 
         def submessage(kind, flags, payload, bench=bench, usual=usual, after=after):
             usual(kind, flags, payload)
-            if len(bench.agent.requests) == after and len(bench.agent.hellos) == 1:
+            if len(bench.agent.requests) == after and len(bench.agent.create_clients) == 1:
                 bench.agent.forget()
 
         bench.agent.submessage = submessage
@@ -639,7 +645,7 @@ def test_a_session_whose_requests_stay_unanswered_is_restarted() -> None:
     usual = bench.agent.submessage
 
     def submessage(kind, flags, payload):
-        if kind != ids.CREATE or len(bench.agent.hellos) > 1:
+        if kind != ids.CREATE or len(bench.agent.create_clients) > 1:
             usual(kind, flags, payload)
 
     bench.agent.submessage = submessage

@@ -860,7 +860,7 @@ def test_two_nodes_share_a_session() -> None:
         (0x01, 0), (0x11, 0), (0x02, 0x11), (0x04, 0x11), (0x06, 0x04),
         (0x12, 0x01), (0x13, 0x01), (0x15, 0x13),
     ]  # fmt: skip
-    assert created[1][2] == ("/ns/two", None) and len(bench.agent.hellos) == 1
+    assert created[1][2] == ("/ns/two", None) and len(bench.agent.create_clients) == 1
     assert publisher.publish(Number(1))
     bench.agent.sample(0x06, number_bytes(5))
     bench.run(10)

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from support.screen import FORGED, HOSTILE, UNENCODABLE, seen
+from support.screen import FORGED, HOSTILE, UNENCODABLE, visible_lines
 from unit.dashboard.test_pictures import JPEG
 from unit.host.test_graph_queries import FAST_DDS, Endpoint, Node
 from unit.tools.agent.test_status import client, snapshot
@@ -44,7 +44,7 @@ def output(capsys):
         returned = cli.main([*map(str, arguments)])
         printed = capsys.readouterr()
         assert status is None or returned == status, printed
-        return seen(printed.out) + seen(printed.err)
+        return visible_lines(printed.out) + visible_lines(printed.err)
 
     return run
 
@@ -259,7 +259,7 @@ def pid(output, monkeypatch):
 def run_node(output, capsys):
     node = SimpleNamespace(get_logger=lambda: SimpleNamespace(info=print))
     cli._guard(lambda: listener.Listener.heard(node, evil_string()) or 0)
-    seen(capsys.readouterr().out)
+    visible_lines(capsys.readouterr().out)
 
 
 def interface_folder(tmp_path):
@@ -274,8 +274,8 @@ def interface(*arguments):
     """Run the verb in a process, since loaded definitions stay; return the exit status."""
     command = [sys.executable, "-m", "uros", "interface", *map(str, arguments)]
     done = subprocess.run(command, capture_output=True, env={**os.environ, "PYTHONUTF8": "1"})
-    seen(done.stdout.decode("utf-8", "surrogateescape"))
-    seen(done.stderr.decode("utf-8", "surrogateescape"))
+    visible_lines(done.stdout.decode("utf-8", "surrogateescape"))
+    visible_lines(done.stderr.decode("utf-8", "surrogateescape"))
     return done.returncode
 
 
@@ -434,14 +434,14 @@ def agent(capsys):
     for level in range(1, 7):
         out = io.StringIO()
         Log(6, guarded(out))(level, "part", "function", NAME, NAME)
-        assert len(seen(out.getvalue())) == 2
+        assert len(visible_lines(out.getvalue())) == 2
 
 
 def demonstration(output, capsys):
     topic = demo._Topic("/sensors/diagnostic", "std_msgs/msg/String", None, demo._Reads())
     topic.heard(Received(to_cdr(evil_string()), 1, 2))
     cli._guard(lambda: demo._summary([topic]))
-    seen(capsys.readouterr().out)
+    visible_lines(capsys.readouterr().out)
 
 
 def no_foreign_text(reason):

@@ -1,6 +1,6 @@
 """The CAN FD transport on a simulated pyb.CAN. Also runs on MicroPython."""
 
-from support.modem import trouble
+from support.modem import os_error
 
 from uros.transport.can import CanTransport
 from uros.transport.can_pyb import PybCan
@@ -79,9 +79,9 @@ def test_a_bus_that_is_off_raises_and_is_restarted() -> None:
     transport = CanTransport(PybCan(can))
     transport.open()
     can.now, can.room = can.BUS_OFF, 0
-    assert "bus is off" in trouble(transport.send, b"x")
+    assert "bus is off" in os_error(transport.send, b"x")
     can.after_restart = can.BUS_OFF
-    assert "bus is off" in trouble(transport.open)
+    assert "bus is off" in os_error(transport.open)
     can.after_restart, can.room = can.ERROR_ACTIVE, 3
     transport.open()
     transport.send(b"x")

@@ -10,14 +10,14 @@ from support.modem import (
     Setup,
     attempts,
     drain,
+    drops_messages_that_are_too_long,
     exchange,
     failure,
     in_order,
     link_up,
     one_by_one,
     opened,
-    passes_over_what_is_too_long,
-    trouble,
+    os_error,
     until,
 )
 
@@ -322,7 +322,7 @@ def test_an_incomplete_datagram_is_counted() -> None:
 
 def test_too_long_datagrams_of_the_esp8266_are_skipped_and_counted() -> None:
     with FakeTime() as time:
-        passes_over_what_is_too_long(Place(time, mtu=64), b"+IPD,3:abc" * 100)
+        drops_messages_that_are_too_long(Place(time, mtu=64), b"+IPD,3:abc" * 100)
 
 
 def test_invalid_lengths_are_ignored() -> None:
@@ -479,8 +479,8 @@ def test_buffers_may_be_reused_after_send() -> None:
 def test_a_closed_transport_raises() -> None:
     with FakeTime() as time:
         place = Place(time)
-        assert "not open" in trouble(place.transport.receive, 0)
-        assert "not open" in trouble(place.transport.send, b"hello")
+        assert "not open" in os_error(place.transport.receive, 0)
+        assert "not open" in os_error(place.transport.send, b"hello")
 
 
 def test_a_dialogue_that_failed_restarts_at_open() -> None:
@@ -503,7 +503,7 @@ def test_a_dialogue_that_failed_restarts_at_open() -> None:
                 raise AssertionError("no error")
             place.line.write = write
             for _ in range(3):
-                assert "not open" in trouble(place.transport.receive, 0)
+                assert "not open" in os_error(place.transport.receive, 0)
             place.transport.close()
             link_up(place.transport)
             assert exchange(place, [b"hello"]) == [b"hello"]

@@ -9,13 +9,13 @@ from support.modem import (
     Setup,
     attempts,
     drain,
+    drops_messages_that_are_too_long,
     exchange,
     failure,
     in_order,
     link_up,
     one_by_one,
     opened,
-    passes_over_what_is_too_long,
 )
 
 from uros.boards.virtual.modems.gs2200 import Gs2200
@@ -316,7 +316,7 @@ def test_a_gs2200_may_restart_at_any_moment() -> None:
 
 def test_too_long_datagrams_of_the_gs2200_are_skipped_and_counted() -> None:
     with FakeTime() as time:
-        passes_over_what_is_too_long(Place(time, mtu=64), b"\x1bZ00003abc" * 100)
+        drops_messages_that_are_too_long(Place(time, mtu=64), b"\x1bZ00003abc" * 100)
 
 
 def test_the_select_pin_is_low_during_transfers() -> None:

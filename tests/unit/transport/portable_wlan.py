@@ -2,7 +2,7 @@
 
 import sys
 
-from support.modem import FakeTime, trouble
+from support.modem import FakeTime, os_error
 
 from uros.transport import wlan as wlan_module
 from uros.transport.wlan import AccessPoint, Over, Station, Wired
@@ -131,7 +131,7 @@ def test_a_station_joins_without_waiting() -> None:
             wlan = port.interfaces[0]
             assert wlan.interface == port.STA_IF and transport.mtu == 512
             for _ in range(3):
-                assert "joining robots" in trouble(transport.open)
+                assert "joining robots" in os_error(transport.open)
             assert wlan.calls == ["leave", ("robots", "secret99")] and port.names == ["arm"]
             assert below.calls == []
             wlan.joined = True
@@ -147,7 +147,7 @@ def test_a_station_joins_without_waiting() -> None:
 
 def test_an_open_network() -> None:
     with Network(Esp32()) as port:
-        trouble(Station("cafe").check)
+        os_error(Station("cafe").check)
         assert port.interfaces[0].calls[-1] == ("cafe",)
 
 
@@ -161,12 +161,12 @@ def test_the_reason_of_a_failed_attempt_is_raised_and_it_is_repeated() -> None:
     for kind, status, text in reasons:
         with Network(kind()) as port:
             station = Station("robots", "wrong")
-            trouble(station.check)
+            os_error(station.check)
             wlan = port.interfaces[0]
             wlan.now = status
-            reason = trouble(station.check)
+            reason = os_error(station.check)
             assert "cannot join robots" in reason and text in reason, reason
-            assert "joining" in trouble(station.check)
+            assert "joining" in os_error(station.check)
             assert len(wlan.calls) == 4
             wlan.joined = True
             station.check()
@@ -176,26 +176,26 @@ def test_an_attempt_is_repeated_after_its_timeout() -> None:
     network = Network(Rp2())
     with network as port:
         station = Station("robots", "secret99", timeout_ms=5000)
-        trouble(station.check)
+        os_error(station.check)
         network.time.now += 4999
-        assert "joining" in trouble(station.check)
+        assert "joining" in os_error(station.check)
         network.time.now += 1
-        assert "in time" in trouble(station.check)
+        assert "in time" in os_error(station.check)
         assert len(port.interfaces[0].calls) == 2
-        trouble(station.check)
+        os_error(station.check)
         assert len(port.interfaces[0].calls) == 4
 
 
 def test_a_lost_wlan_is_joined_again() -> None:
     with Network(Esp32()) as port:
         transport = Over(Station("robots", "secret99"), Below())
-        trouble(transport.open)
+        os_error(transport.open)
         wlan = port.interfaces[0]
         wlan.joined = True
         transport.open()
         transport.close()
         wlan.joined, wlan.now = False, port.STAT_IDLE
-        assert "joining" in trouble(transport.open)
+        assert "joining" in os_error(transport.open)
         assert len(wlan.calls) == 4
 
 
@@ -205,7 +205,7 @@ def test_an_access_point() -> None:
             point = AccessPoint("robot-7", "secret99", 6)
             wlan = port.interfaces[0]
             assert wlan.interface == port.AP_IF
-            assert "nobody has joined" in trouble(point.check)
+            assert "nobody has joined" in os_error(point.check)
             settings = {"ssid": "robot-7", "key": "secret99", "channel": 6}
             if security is not None:
                 settings["security"] = security
@@ -213,16 +213,16 @@ def test_an_access_point() -> None:
             wlan.joined = True
             point.check()
             wlan.up = False
-            assert "starting" in trouble(point.check)
+            assert "starting" in os_error(point.check)
     with Network(Esp32()) as port:
-        trouble(AccessPoint("open").check)
+        os_error(AccessPoint("open").check)
         assert port.interfaces[0].settings == {"ssid": "open", "security": 0}
 
 
 def test_an_access_point_with_an_address_of_its_own() -> None:
     with Network(Esp32()) as port:
         point = AccessPoint("ESP32-Access-Point", "123456789", address="10.16.1.1")
-        assert "nobody has joined" in trouble(point.check)
+        assert "nobody has joined" in os_error(point.check)
         assert port.interfaces[0].addresses == (
             "10.16.1.1",
             "255.255.255.0",
@@ -230,7 +230,7 @@ def test_an_access_point_with_an_address_of_its_own() -> None:
             "0.0.0.0",
         )
     with Network(Esp32()) as port:
-        trouble(AccessPoint("robot-7").check)
+        os_error(AccessPoint("robot-7").check)
         assert port.interfaces[0].addresses is None
 
 
@@ -247,7 +247,7 @@ def test_invalid_passwords_of_an_access_point_are_refused() -> None:
 def test_ethernet() -> None:
     lan = FakeWlan(Esp32(), 0)
     transport = Over(Wired(lan), Below())
-    assert "cable" in trouble(transport.open) and lan.up
+    assert "cable" in os_error(transport.open) and lan.up
     lan.joined = True
     transport.open()
     assert transport.transport.calls == ["open"]

@@ -231,7 +231,7 @@ def test_a_client_that_sends_no_heartbeats_goes_on_publishing(world):
     """After the restart, the agent's first request for unacknowledged messages is lost."""
     far_samples = far_reader(world)
     client = publisher(world)
-    client.shy = True
+    client.without_heartbeats = True
     settled(client)
     client._send = lambda message: None
     for value in range(16):

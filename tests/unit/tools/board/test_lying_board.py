@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from support.examples import examples
 from support.lying_board import BANNER, GONE, SILENCE, Endless, LyingBoard, QuickTime
-from support.screen import HOSTILE, seen
+from support.screen import HOSTILE, visible_lines
 
 from uros.boards.deploy import raw_repl
 from uros.boards.deploy.deploy import NOTE, STAGE
@@ -48,8 +48,8 @@ def deploy(program, monkeypatch, capsys):
         arguments = ["board", "deploy", str(program), "--port", board.path, "--no-console"]
         status = cli.main([*arguments, *options])
         said = capsys.readouterr()
-        seen(said.out)
-        seen(said.err)
+        visible_lines(said.out)
+        visible_lines(said.err)
         assert status in (0, 1)
         if status:
             *reset, last = said.err.splitlines()

@@ -12,7 +12,7 @@ import tty
 
 import pytest
 from conftest import leased_domain
-from support.doctor import agent, board, listener, look, one_of, spare_port
+from support.doctor import agent, board, listener, one_of, run_doctor, spare_port
 from support.portable import framed
 from support.waiting import eventually
 
@@ -39,7 +39,7 @@ def place(tmp_path, monkeypatch, own_domain_id):
 def test_a_healthy_system_has_no_problem(place):
     domain, port = place
     with agent(port) as which, board(port, domain), listener(domain):
-        problems, found = look(which, domain, port)
+        problems, found = run_doctor(which, domain, port)
     assert problems == []
     for check in ("agents", "port", "domain", "types", "qos", "clock", "client key"):
         assert one_of(found, check).state == OK, check
@@ -49,12 +49,12 @@ def test_qos_of_a_board_and_the_option_that_fixes_it(place):
     domain, port = place
     with listener(domain):
         with agent(port) as which, board(port, domain, BEST_EFFORT):
-            (one,), _ = look(which, domain, port)
+            (one,), _ = run_doctor(which, domain, port)
         assert one.check == "qos" and "/board publishes on /temp" in one.what
         option = re.fullmatch(r"start the agent with --qos (\S+)", one.fix)[1]
         assert option == "/temp:reliability=reliable"
         with agent(port, "--qos", option) as which, board(port, domain, BEST_EFFORT):
-            problems, found = look(which, domain, port)
+            problems, found = run_doctor(which, domain, port)
         assert problems == [] and one_of(found, "qos").state == OK
 
 
@@ -62,7 +62,7 @@ def test_a_board_in_another_domain_and_the_options_that_fix_it(place):
     domain, port = place
     with leased_domain() as other, listener(domain):
         with agent(port) as which, board(port, other):
-            (one,), _ = look(which, domain, port)
+            (one,), _ = run_doctor(which, domain, port)
             assert one.check == "domain"
             assert f"/board in domain {other} publishes /temp" in one.what
             assert f"/listener subscribes to it in domain {domain}" in one.what
@@ -70,10 +70,10 @@ def test_a_board_in_another_domain_and_the_options_that_fix_it(place):
             number = re.search(r"start the agent with --domain (\d+)$", one.fix)[1]
             # The first way: the listener goes to where the board is.
             with listener(other):
-                assert look(which, other, port)[0] == []
+                assert run_doctor(which, other, port)[0] == []
         # And the second one.
         with agent(port, "--domain", number) as which, board(port, other):
-            assert look(which, domain, port)[0] == []
+            assert run_doctor(which, domain, port)[0] == []
 
 
 def test_a_type_that_differs(place):
@@ -81,23 +81,23 @@ def test_a_type_that_differs(place):
     from uros.interfaces.std_msgs.msg import Float32
 
     with agent(port) as which, board(port, domain), listener(domain, Float32):
-        (one,), _ = look(which, domain, port)
+        (one,), _ = run_doctor(which, domain, port)
         assert one.check == "types" and "sensor_msgs/msg/Temperature in /board" in one.what
         assert "std_msgs/msg/Float32 in /listener" in one.what
     new = re.search(r"--remap (\S+)\)", one.fix)[1]
     with agent(port, "--remap", new) as which, board(port, domain), listener(domain, Float32):
-        assert look(which, domain, port)[0] == []
+        assert run_doctor(which, domain, port)[0] == []
 
 
 def test_a_boards_clock(place):
     domain, port = place
     with agent(port) as which:
         with board(port, domain, clock=-5.0):
-            (one,), _ = look(which, domain, port)
+            (one,), _ = run_doctor(which, domain, port)
             assert one.check == "clock" and "/temp by /board are 5" in one.what
             assert "behind" in one.what and "rmw_uros_sync_session" in one.fix
         with board(port, domain, clock=0.0):
-            assert look(which, domain, port)[0] == []
+            assert run_doctor(which, domain, port)[0] == []
 
 
 def test_two_boards_with_one_key(place):
@@ -122,7 +122,7 @@ def test_two_boards_with_one_key(place):
                 lambda: ask(find_agent(which.pid), "status")["refused"],
                 "the agent refuses nobody", pause=0.05,
             )  # fmt: skip
-            problems, _ = look(which, domain, port)
+            problems, _ = run_doctor(which, domain, port)
         finally:
             stop.set()
             twin.join()
@@ -139,7 +139,7 @@ def test_another_key_fixes_it(place):
         board(port, domain),
         board(port, domain, key=0x0D0C0002, name="twin"),
     ):
-        assert look(which, domain, port)[0] == []
+        assert run_doctor(which, domain, port)[0] == []
 
 
 def test_a_port_and_a_device(place, tmp_path):
@@ -148,7 +148,7 @@ def test_a_port_and_a_device(place, tmp_path):
         sock.bind(("127.0.0.1", 0))
         port = sock.getsockname()[1]
         missing = str(tmp_path / "ttyACM0")
-        problems, _ = look(which, domain, port, "--dev", missing)
+        problems, _ = run_doctor(which, domain, port, "--dev", missing)
     checks = {problem.check: problem for problem in problems}
     assert set(checks) == {"port", "device"}
     assert f"(pid {os.getpid()})" in checks["port"].what and missing in checks["device"].what
@@ -160,7 +160,7 @@ def test_discovery_switched_off_in_the_agents_environment(place, monkeypatch):
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
     with agent(port) as which:
         monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        (one,), _ = look(which, domain, port)
+        (one,), _ = run_doctor(which, domain, port)
     assert one.check == "discovery" and f"the agent {which.pid}" in one.what
     assert one.fix == "unset ROS_AUTOMATIC_DISCOVERY_RANGE, and start it again"
 
@@ -216,7 +216,7 @@ def test_security_in_the_shell(place, monkeypatch):
     domain, port = place
     monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
     with agent(port) as which:
-        (one,), _ = look(which, domain, port)
+        (one,), _ = run_doctor(which, domain, port)
     assert one.check == "security" and "unset ROS_SECURITY_ENABLE" in one.fix
 
 

@@ -8,7 +8,7 @@ import time
 from functools import partial
 
 import pytest
-from support.screen import HOSTILE, seen
+from support.screen import HOSTILE, visible_lines
 from support.waiting import eventually
 from unit.dashboard.test_pictures import JPEG, PNG
 
@@ -63,7 +63,7 @@ def test_a_page_gets_escaped_text(shown):
     shown.trouble(HOSTILE)
     about = shown.answer({}).about
     assert about["frame_id"].startswith("a\\x1b") and about["trouble"].startswith("a\\x1b")
-    seen(about["frame_id"] + about["trouble"])
+    visible_lines(about["frame_id"] + about["trouble"])
 
 
 def test_a_picture_is_sent_once(shown):

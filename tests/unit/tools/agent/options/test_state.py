@@ -198,7 +198,7 @@ def test_no_sample_is_lost_in_repeated_kills_under_load(agent, far_end):
     ]
     for pause in (0.1, 0.0, 0.05):
         publish(publishers, 0.4)
-        publishers[0].client.shy = True
+        publishers[0].client.without_heartbeats = True
         if not pause:  # and what it hears first is news
             settle(publishers)
         before = [publisher.client.acknowledged for publisher in publishers]
