@@ -41,8 +41,8 @@ class Bench:
             turns=0, asleep=False, thread=threading.get_ident(), stopping=False, clock=Clock()
         )
         self.log = Log()
-        self.left = []
-        self.dog = Watchdog(self.server, self.log, leave=self.left.append)
+        self.exit_codes = []
+        self.dog = Watchdog(self.server, self.log, leave=self.exit_codes.append)
         self.dog._seen = self.dog._since = 100.0
         self.now = 100.0
 
@@ -97,14 +97,14 @@ def test_a_shutdown_that_hangs_is_forced(bench):
     bench.passes(1, turns=1)
     bench.server.stopping = True
     assert bench.passes(8)[0].startswith("the data plane hangs")
-    assert not bench.left
+    assert not bench.exit_codes
     assert "ended by force" in bench.passes(3)[-1]
-    assert bench.left[0] == 1 and bench.log.closed
+    assert bench.exit_codes[0] == 1 and bench.log.closed
 
 
 def test_a_long_shutdown_that_makes_progress_is_not_forced(bench):
     bench.server.stopping = True
-    assert bench.passes(60, turns=1) == [] and not bench.left
+    assert bench.passes(60, turns=1) == [] and not bench.exit_codes
 
 
 @pytest.mark.parametrize(

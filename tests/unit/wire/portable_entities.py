@@ -103,7 +103,7 @@ def test_create_in_binary() -> None:
     create("000a 0011 01 03 0000 00000000 ffff", 10, 0x11, 3, b"", -1)
 
 
-def test_create_of_what_has_no_parent() -> None:
+def test_create_of_objects_without_a_parent() -> None:
     # by hand: a type, a QoS profile and an application
     create("0001 002a 0a 01 0000 02000000" + text("t"), 1, 0x2A, ids.BY_REFERENCE, "t", 0)
     create("0001 002b 0b 02 0000 02000000" + text("q"), 1, 0x2B, ids.AS_XML, "q", 0)

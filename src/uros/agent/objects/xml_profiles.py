@@ -400,9 +400,9 @@ _NUMBERS = {
 
 
 def _qos(element: Element, where: tuple[str, ...], out: dict[str, object]) -> None:
-    """What an entity's element says of QoS, in the children ``where``.
+    """Add the QoS in the children ``where`` of an entity's element to ``out``.
 
-    Fast DDS has the history not there but in the topic.
+    Fast DDS has the history in the topic instead.
     """
 
     def child_at(*paths: str) -> Element | None:

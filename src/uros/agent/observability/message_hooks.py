@@ -16,7 +16,7 @@ from ..log import DEBUG, TRACE, Log, unexpected
 from ..objects.kinds import key_label
 from ..transports.base import ServerTransport
 
-# Directions: who sent a message.
+# Directions: the sender of a message.
 CLIENT: Final = "client"
 AGENT: Final = "agent"
 
@@ -27,7 +27,7 @@ class MessageEvent(NamedTuple):
     Attributes:
         transport: The transport that carries it.
         peer: The client's address there.
-        direction: :data:`CLIENT` or :data:`AGENT`, who sent it.
+        direction: :data:`CLIENT` or :data:`AGENT`, the sender.
         message: Its bytes.
         now: Microseconds since 1970.
         key: The client key of its session; 0 where it is unknown.

@@ -145,7 +145,7 @@ def snapshot(server: Server) -> dict[str, Any]:
 def gather(server: Server, done: Callable[[str], None], is_wanted: Callable[[], bool]) -> None:
     """Make a snapshot in the server's thread while boards are served; pass its JSON to ``done``.
 
-    It stops when it is no longer ``wanted``.
+    It stops once ``is_wanted`` returns False.
     """
     texts: list[str] = []
     more = pieces(server)

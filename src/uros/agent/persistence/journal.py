@@ -226,7 +226,7 @@ class Journal:
                 broken += 1
         if broken:
             content.damaged.append(f"{broken} slots are damaged")
-        content.records = [found for found in records_in(journal) if found[0]]
+        content.records = [entry for entry in records_in(journal) if entry[0]]
         return content
 
     def keep_aside(self) -> str | None:

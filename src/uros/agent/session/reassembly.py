@@ -11,9 +11,9 @@ C clients from 1.1 to 3.0 write one of these forms:
 * 2.0: the last fragment is as long as the first and announces all of itself, so that up to one
   octet less than a fragment may follow. A single fragment of later clients is so, too.
 
-What fits none of them is more than one message. In the long form the length tells nothing. There,
-and to find the message behind the one that was given up, the beginning of another WRITE_DATA is
-looked for where a fragment begins: the same flags, a later request, a known datawriter (where it
+Octets that fit none of them are more than one message. In the long form the length is unknown.
+There, and to find the message behind an abandoned one, the beginning of another WRITE_DATA is
+searched where a fragment begins: the same flags, a later request, a known datawriter (where it
 is sure that there are two messages, a requester or replier too), and a length that fits what
 follows.
 """

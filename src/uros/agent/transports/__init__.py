@@ -1,4 +1,4 @@
-"""The agent's ends of all transports: what listens for boards, and the plumbing below it.
+"""The agent's transports: servers that listen for boards, and the modules below them.
 
 ===================  ============================================================
 ``base``             the contract of an agent's transport

@@ -414,7 +414,7 @@ class _BusLine:
     def write(self, data: bytes, peer: int) -> None:
         try:
             self._bus.send(self._server.message(peer, data), timeout=_SEND)
-        except Exception as error:  # no room, for one; where the bus is gone, reading says so
+        except Exception as error:  # such as a full queue; a lost bus is reported by reading
             text = str(error)
             if self.worker is not None:
                 self.worker.post(lambda: self._server.drop(text))

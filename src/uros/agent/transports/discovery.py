@@ -1,8 +1,8 @@
-"""How boards find the agent: they ask a multicast group, and are told where it listens.
+"""Discovery of the agent by boards, which ask a multicast group for its locators.
 
-A client sends GET_INFO outside of any session, to the group or to an address that it was told;
-the INFO that answers carries the locators of the agent. Locators are an address and a port, and
-do not say whether UDP or TCP is spoken there, so those of UDP come first.
+A client sends GET_INFO outside of any session, to the group or to a configured address; the INFO
+that answers carries the locators of the agent. A locator is an address and a port and does not
+tell UDP from TCP, so the locators of UDP come first.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from .udp import UdpServer
 
 DEFAULT_PORT: Final = 7400
 GROUP: Final = "239.255.0.2"
-# What eProsima's clients have room for; as many fit their 200 bytes.
+# The most that eProsima's clients have room for; as many fit their 200 bytes.
 MAX_LOCATORS: Final = 4
-# Attack: questions in the name of another, who gets the answers, eight times as long. At once,
-# and a second:
+# Attack: questions with a forged source, which gets the answers, eight times as long. Answers in a
+# burst, and a second:
 MAX_ANSWERS: Final = 50
-# Attack: the same in the name of many.
+# Attack: the same with many forged sources.
 MAX_ANSWERS_IN_ALL: Final = 500
 # Attack: a line in the log for each bad packet. Seconds from one line to the next.
 FAULT_PAUSE: Final = 10.0
@@ -279,7 +279,7 @@ class DiscoveryServer(ServerTransport):
         return entries[:MAX_LOCATORS]
 
     def _address_of(self, listens_on: str, own_address: str, local: bool) -> str | None:
-        """Return the address for a board that reaches this machine at ``here``, or None."""
+        """Return the address for a board that reaches this machine at ``own_address``, or None."""
         if listens_on in ("0.0.0.0", ""):
             return own_address
         if listens_on != "::":

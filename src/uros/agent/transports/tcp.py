@@ -31,8 +31,8 @@ MAX_CONNECTIONS: Final = 1000
 MAX_FROM_ONE: Final = 250
 # Attack: a thousand clients that read slowly. Bytes that wait for all of them together.
 MAX_UNSENT_OF_ALL: Final = 64 * 1024 * 1024
-# Attack: connections that say nothing, or a message byte by byte. A client says at once who it is;
-# one that only pings may be as slow. And a message comes whole in that time, or never.
+# Attack: silent connections, or messages sent byte by byte. A client sends CREATE_CLIENT at once;
+# one that only pings may be this slow. A message must be complete within this time.
 IDLE_SECONDS: Final = 30.0
 _SWEEP_SECONDS: Final = 5.0
 _NO_TLS_HERE: Final = (
@@ -66,7 +66,7 @@ class _Connection:
 
 
 def _network(address: Address) -> str:
-    """Those who share this share :data:`MAX_FROM_ONE`."""
+    """Return the network of an address; its connections share :data:`MAX_FROM_ONE`."""
     host = str(address[0]).partition("%")[0]
     if ":" not in host:
         return host

@@ -129,14 +129,14 @@ _strretcode = function("dds_strretcode", ctypes.c_char_p, _int32)
 _ROOT_ENTITY: Final = 0x7FFF0100  # DDS_CYCLONEDDS_HANDLE: parent of what spans domains
 
 
-def check(code: int, call: str) -> int:
+def check(code: int, action: str) -> int:
     """Return a code or entity that is no error.
 
     Raises:
-        MiddlewareError: It is an error; the text says that DDS cannot do ``what``.
+        MiddlewareError: It is an error; the text says that DDS cannot do ``action``.
     """
     if code < 0:
-        raise MiddlewareError(f"DDS cannot {call}: {_strretcode(code).decode()}")
+        raise MiddlewareError(f"DDS cannot {action}: {_strretcode(code).decode()}")
     return code
 
 

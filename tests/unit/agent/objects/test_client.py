@@ -383,11 +383,11 @@ def test_delete_in_any_order(board, turn, backwards):
 
 def test_deleting_a_participant_closes_its_endpoints_alone(board):
     board.ask(*ALL)
-    other = [
+    second_participant = [
         participant(oid(2, 1)), topic(oid(2, 2), parent=oid(2, 1)),
         group(oid(2, 3), parent=oid(2, 1)), endpoint(oid(2, 5), oid(2, 2), oid(2, 3)),
     ]  # fmt: skip
-    assert board.ask(*other) == [OK] * 4
+    assert board.ask(*second_participant) == [OK] * 4
     board.ask(delete(PARTICIPANT))
     bus = board.desk.middleware.bus
     assert sum(map(len, bus.writers.values())) == 1

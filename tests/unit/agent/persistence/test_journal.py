@@ -196,7 +196,7 @@ def test_a_file_that_is_no_state_file_is_not_changed(tmp_path):
         assert path.read_bytes() == text
 
 
-def test_a_file_that_was_truncated_under_a_killed_agent_is_damaged_and_not_somebody_elses(tmp_path):
+def test_a_file_that_was_truncated_after_a_kill_is_a_damaged_state_file(tmp_path):
     path = tmp_path / "f"
     fill(path, 1)
     file = open_journal(str(path))

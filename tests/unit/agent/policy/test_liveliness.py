@@ -309,7 +309,7 @@ OF_A_C_CLIENT = bytes.fromhex(
 )
 
 
-def test_a_c_clients_properties_stand_behind_the_length_that_it_says(desk):
+def test_the_properties_of_a_c_client_are_behind_the_announced_length(desk):
     ((_, sent),) = desk.hear(OF_A_C_CLIENT)
     assert parse(sent)[1][0][2][0] == ids.STATUS_OK
     assert "client_key: 0x000000A1, timeout: 1000 ms" in desk.log()

@@ -149,7 +149,7 @@ def test_a_request_over_max_size_is_dropped_and_logged(agent):
     assert "message too large" in agent.said.getvalue()
 
 
-def test_a_rate_makes_a_reliable_client_wait_and_loses_nothing(agent):
+def test_a_rate_limit_delays_a_reliable_client_without_loss(agent):
     agent.agent.rules.add({"max_rate": 200})
     board = client(agent, 1)
     writer, reader = board.writer("one", "rt/a", TYPE), board.reader("one", "rt/a", TYPE)

@@ -69,7 +69,7 @@ def test_all_together_never_work_longer_than_a_burst(clock):
     assert clock.now - start <= 5 * module.BURST_OF_ALL and turn < 100
 
 
-def test_without_a_server_nobody_waits(clock):
+def test_without_a_server_no_client_waits(clock):
     budget = TimeBudget(clock.monotonic).for_client()
     for _ in range(100):
         assert budget.start()

@@ -663,7 +663,7 @@ def test_best_effort_drops_and_counts(talk):
 # --- streams out ---------------------------------------------------------------------------
 
 
-def test_what_is_sent_is_numbered_for_each_stream(talk):
+def test_sent_messages_are_numbered_for_each_stream(talk):
     for stream in (1, 0x80, 0, 1, 0x80, 0, 2):
         talk.session.send(ids.DATA, 1, stream, b"pay", talk.now)
     heads = [head for head, _ in talk.out()]

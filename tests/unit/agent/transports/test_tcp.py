@@ -187,8 +187,8 @@ def test_without_descriptors_the_listener_waits_and_does_not_spin():
 
 
 def test_a_port_in_use_says_what_to_do():
-    with socket.create_server(("127.0.0.1", 0)) as other:
-        port = other.getsockname()[1]
+    with socket.create_server(("127.0.0.1", 0)) as port_owner:
+        port = port_owner.getsockname()[1]
         with pytest.raises(TransportError) as caught:
             TcpServer(port, "127.0.0.1").open(None)
     assert f"TCP port {port} is in use" in str(caught.value)

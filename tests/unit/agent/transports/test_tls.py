@@ -119,7 +119,7 @@ def test_names_that_could_be_mistaken_for_another_are_escaped():
     assert named("a\n[0.1] info\x1b[31m") == "a%0A%5B0.1%5D info%1B%5B31m"
     assert named("x" * 64) == "x" * 64
     long = [named("x" * 100), named("x" * 101)]
-    assert all(it.startswith("x" * 47 + "-") and len(it) == 64 for it in long)
+    assert all(name.startswith("x" * 47 + "-") and len(name) == 64 for name in long)
     assert long[0] != long[1]
     assert named("Müller") == "M%C3%BCller" != named("Möller")
     assert named("50%") == "50%25"
@@ -503,7 +503,7 @@ def tls_bench():
     server.open(host)
     socks = []
 
-    def connect(*, source="127.0.0.1", hello=True):
+    def connect(*, source="127.0.0.1", send_hello=True):
         sock = socket.socket()
         sock.bind((source, 0))
         sock.connect(("127.0.0.1", server.port))
@@ -514,7 +514,7 @@ def tls_bench():
             lambda: own_address in [connection.address for connection in server._connections],
             "the connection",
         )
-        if hello:
+        if send_hello:
             sock.sendall(recorded_hello())
         return sock
 
@@ -616,7 +616,7 @@ def test_a_waiting_handshake_whose_connection_closes(tls_bench):
 
 def test_a_silent_connection_costs_no_handshake(tls_bench):
     server, host, times, connect = tls_bench
-    connect(hello=False)
+    connect(send_hello=False)
     host.turn(0.01)
     assert not server._shaking and len(server._connections) == 1
 

@@ -350,9 +350,9 @@ def test_mutated_datagrams(agent, bystanders, seed):
 
 
 def test_a_port_in_use_says_what_to_do():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
-        other.bind(("127.0.0.1", 0))
-        port = other.getsockname()[1]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port_owner:
+        port_owner.bind(("127.0.0.1", 0))
+        port = port_owner.getsockname()[1]
         with pytest.raises(TransportError) as caught:
             UdpServer(port, "127.0.0.1").open(None)
     assert f"UDP port {port} is in use" in str(caught.value)

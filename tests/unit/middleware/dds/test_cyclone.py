@@ -152,7 +152,7 @@ def test_keep_all(participant):
     assert qos.history == HistoryPolicy.KEEP_ALL
 
 
-def test_errors_name_what_cannot_be_done(own_domain_id):
+def test_errors_name_the_failed_action(own_domain_id):
     with pytest.raises(MiddlewareError, match=f"domain {own_domain_id} is not open"):
         cyclone.create_participant(own_domain_id, b"")
     with pytest.raises(MiddlewareError, match="DDS cannot get a GUID"):

@@ -186,7 +186,7 @@ def test_partitions_separate_topics(middleware, own_domain_id):
     assert receivers == {("left",), ("left", "right")}
 
 
-def test_writing_with_nobody_to_dispatch_does_not_grow(middleware, own_domain_id):
+def test_writing_without_dispatch_takes_bounded_memory(middleware, own_domain_id):
     node = middleware.create_node(own_domain_id, "/", "node")
     node.create_reader("rt/x", TYPE, QoSProfile(), lambda: None)
     writer = node.create_writer("rt/x", TYPE, QoSProfile())
