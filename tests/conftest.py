@@ -1,7 +1,7 @@
-"""What every test stands on: DDS that never leaves loopback, and domains nobody else uses.
+"""The environment of all tests: DDS on loopback only, and ROS domains of their own.
 
-The environment is set when this file is imported, before any test can load a DDS, and
-processes that tests start inherit it.
+This module sets the environment when it is imported, before a test can load a DDS; processes that
+tests start inherit it.
 """
 
 import atexit
@@ -18,15 +18,15 @@ from hypothesis import settings
 from support.examples import SCALE
 from support.long_tests import LONG
 
-# No deadline: how long an example takes depends on the machine. --hypothesis-profile chooses
-# another profile; tests/support/examples.py scales the tests that ask for a number of their own.
+# No deadline: the duration of an example depends on the machine. --hypothesis-profile chooses
+# another profile; tests/support/examples.py scales tests with a number of examples of their own.
 for _name, _scale in SCALE.items():
     settings.register_profile(_name, deadline=None, max_examples=int(100 * _scale))
 settings.load_profile("daily")
 
 ROOT = Path(__file__).resolve().parent.parent
 
-# 20 and below are people's own; from 102 on the ports reach into those that Linux hands out.
+# People use 20 and below; from 102 on the ports are in the ephemeral range of Linux.
 DOMAINS = range(21, 101)
 
 os.environ["CYCLONEDDS_URI"] = (
@@ -43,13 +43,13 @@ os.environ["CYCLONEDDS_URI"] = (
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 for name in ("ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "RMW_IMPLEMENTATION", "ROS_DISTRO"):
     os.environ.pop(name, None)
-# Where agents have their sockets for `uros agent status`: those of this run are nobody else's.
+# The folder of the agents' sockets for `uros agent status`, separate for this run.
 os.environ["XDG_RUNTIME_DIR"] = tempfile.mkdtemp(prefix="uros-run-")
 atexit.register(shutil.rmtree, os.environ["XDG_RUNTIME_DIR"], ignore_errors=True)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what `make quick` leaves out."""
+    """Mark the tests that `make quick` leaves out."""
     long_files = {ROOT / "tests" / "unit" / path for path in LONG}
     for item in items:
         if item.path in long_files:
@@ -58,7 +58,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @contextmanager
 def leased_domain() -> Iterator[int]:
-    """A ROS domain id that no other test, in this run or another, holds at the same time."""
+    """A ROS domain id that no other test, of this run or another, uses at the same time."""
     folder = Path(tempfile.gettempdir()) / f"uros-test-domains-{os.getuid()}"
     folder.mkdir(exist_ok=True)
     for domain in DOMAINS:
@@ -74,7 +74,7 @@ def leased_domain() -> Iterator[int]:
 
 @pytest.fixture(scope="session", autouse=True)
 def domain_id() -> Iterator[int]:
-    """The domain of this test run. It is also what ROS_DOMAIN_ID says, here and in children."""
+    """The domain of this test run, also in ROS_DOMAIN_ID of this process and its children."""
     with leased_domain() as domain:
         os.environ["ROS_DOMAIN_ID"] = str(domain)
         yield domain
@@ -82,14 +82,14 @@ def domain_id() -> Iterator[int]:
 
 @pytest.fixture
 def own_domain_id() -> Iterator[int]:
-    """A domain for one test alone, for those that look at a whole graph."""
+    """A domain for a single test, for tests that check a whole graph."""
     with leased_domain() as domain:
         yield domain
 
 
 @pytest.fixture(scope="session")
 def ros_python() -> Path:
-    """The interpreter that real rclpy is installed for; run it as a separate process."""
+    """The interpreter with the real rclpy, for a separate process."""
     python = ROOT / ".venv-ros" / "bin" / "python"
     if not python.exists():
         pytest.fail("there is no .venv-ros: run python3 scripts/env.py ros")

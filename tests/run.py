@@ -1,11 +1,11 @@
-"""Runs the test groups, one pytest process each, and ends with a line for every group.
+"""Runs the test groups, one pytest process each, and prints a line for each group at the end.
 
     tests/run.py [--full] [--group NAME]...
 
 The exit status is 0 only if every group ran at least one test and none failed. A skipped test
-is a failed one unless its reason begins with 'not on this platform:'. The groups interop and boards
-need real ROS 2: where that cannot be installed they are reported as not run, and in CI (CI=true)
-that is a failure as well.
+counts as failed unless its reason begins with 'not on this platform:'. The groups interop and
+boards need real ROS 2: where it cannot be installed they are reported as not run, which is a
+failure in CI (CI=true).
 """
 
 import argparse
@@ -31,11 +31,11 @@ sys.path.insert(0, str(ROOT / "scripts"))
 import env  # noqa: E402  (scripts/env.py, found by the line above)
 
 GROUPS = ("unit", "contract", "replay", "interop", "boards", "mpy", "soak")
-# Lanes run side by side, the groups of a lane one after the other. Most groups wait more than they
-# compute, so that four lanes keep two cores busy. The first lane has the screen; the output of
-# the others follows when all have ended.
+# Lanes run in parallel, the groups of a lane one after the other. Most groups wait more than they
+# compute, so four lanes keep two cores busy. The output of the first lane is shown at once, that of
+# the others when all have ended.
 LANES = (("unit", "replay"), ("mpy", "contract"), ("interop",), ("boards", "soak"))
-# The largest group has two processes, whole files each.
+# The largest group has two processes, with whole files each.
 WORKERS = {"unit": ("-n", "2", "--dist", "loadfile")}
 PREPARE = {
     "interop": (env.micropython, env.ros),
@@ -47,14 +47,14 @@ NEED_ROS = ("interop", "boards")
 EXCUSE = "not on this platform:"
 
 # pytest-timeout ends a test that hangs, but not one that hangs in C with the interpreter's lock.
-# A group is stopped after this many seconds without a word from pytest: a busy machine may take
-# as long as it likes.
+# A group is stopped after this many seconds without output of pytest; its whole duration, which
+# depends on the machine, has no limit.
 SILENCE_SECONDS = 900
 
 
 @dataclass
 class Result:
-    """What one group came to. `trouble` is a failure that no single test stands for."""
+    """The result of a group. `trouble` is a failure of the group as a whole."""
 
     group: str
     passed: int = 0
@@ -74,7 +74,7 @@ class Result:
 
 
 def skip_reason(skipped: ET.Element) -> str:
-    """The reason of a skip; that of a whole module stands in the text, as a printed tuple."""
+    """The reason of a skip; that of a whole module is in the text, as a printed tuple."""
     message = skipped.get("message", "")
     if message == "collection skipped":
         _file, _line, message = ast.literal_eval(skipped.text or "")
@@ -82,7 +82,7 @@ def skip_reason(skipped: ET.Element) -> str:
 
 
 def count(result: Result, report: Path) -> None:
-    """Adds up a junit report of pytest."""
+    """Add the tests of a junit report of pytest to a result."""
     try:
         cases = list(ET.parse(report).iter("testcase"))
     except (OSError, ET.ParseError):
@@ -105,14 +105,14 @@ def count(result: Result, report: Path) -> None:
 
 
 def run_watched(command: list[str], output: TextIO | None) -> int | None:
-    """The exit status of a command; None if it was stopped because it said nothing for long."""
+    """The exit status of a command; None if it was stopped after SILENCE_SECONDS."""
     screen = output or sys.stdout
     if screen.isatty():
         command = [*command, "--color=yes"]
     process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
     assert process.stdout
     decoder = codecs.getincrementaldecoder("utf-8")("replace")
-    heard = time.monotonic()
+    last_output = time.monotonic()
     with process.stdout, selectors.DefaultSelector() as selector:
         selector.register(process.stdout, selectors.EVENT_READ)
         while True:
@@ -122,10 +122,10 @@ def run_watched(command: list[str], output: TextIO | None) -> int | None:
                 screen.flush()
                 if not data:
                     break
-                heard = time.monotonic()
+                last_output = time.monotonic()
             elif process.poll() is not None:
                 break  # a process that a test left behind keeps the pipe open
-            elif time.monotonic() - heard > SILENCE_SECONDS:
+            elif time.monotonic() - last_output > SILENCE_SECONDS:
                 process.kill()
                 process.wait()
                 return None
@@ -133,7 +133,7 @@ def run_watched(command: list[str], output: TextIO | None) -> int | None:
 
 
 def run_group(group: str, full: bool, output: TextIO | None = None) -> Result:
-    """Its tests; what they print goes to ``output``."""
+    """Run the tests of a group; their output goes to ``output``."""
     result = Result(group)
     started = time.monotonic()
     print(f"\n=== {group} ===", file=output, flush=True)
@@ -207,7 +207,7 @@ def main() -> int:
     skipped = sum(result.skipped for result in results)
     failed = sum(result.failed for result in results)
     failed += sum(1 for result in results if result.trouble)
-    # Only these need what a machine may not be able to have.
+    # Only the groups of NEED_ROS may be impossible on a machine.
     failed += sum(1 for r in results if r.not_run and (in_ci or r.group not in NEED_ROS))
     print(f"{passed} passed, {failed} failed" + (f", {skipped} skipped" if skipped else ""))
     return 1 if failed else 0
