@@ -9,7 +9,7 @@ from uros.boards.builder.foreign_names import ATTRIBUTES, BUILTINS, CLASSES
 
 def test_the_list_is_up_to_date() -> None:
     script = runpy.run_path(str(ROOT / "scripts" / "foreign_names.py"))
-    assert script["FILE"].read_text(encoding="utf-8") == script["made"](), (
+    assert script["FILE"].read_text(encoding="utf-8") == script["file_text"](), (
         "run scripts/foreign_names.py"
     )
 
