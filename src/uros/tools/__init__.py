@@ -2,12 +2,12 @@
 
 =============  ===================================================================================
 ``cli``        The command line: finds the verb, imports its module, runs it, reports errors
-``common``     What the verbs on a ROS 2 network share: options, joining the domain, hints
+``common``     Options, joining the domain and hints, for the verbs on a ROS 2 network
 ``demo``       ``uros demo``: run a virtual board, an agent and a ROS 2 subscriber, on this
                machine only
 ``errors``     Errors that end a command with one line for the user instead of a traceback
 ``fleet``      ``uros fleet``: run the virtual boards that a file lists, and one agent for them
-``pages``      What the verbs with a page in a browser share: options, and opening the page
+``pages``      Options and opening of the page, for the verbs with a page in a browser
 ``waiting``    Waits for a topic and finds its type
 ``agent``      ``uros agent`` and its verbs
 ``board``      ``uros board``: a module for each verb

@@ -209,7 +209,7 @@ def _close_option(parser: argparse.ArgumentParser, unknown: list[str]) -> str:
 
 def without_ros_args(argv: list[str]) -> list[str]:
     """Return ``argv`` without ``--ros-args … [--]``, which ``ros2 run`` and launch files add."""
-    kept = []
+    remaining = []
     within = False
     for word in argv:
         if within:
@@ -217,8 +217,8 @@ def without_ros_args(argv: list[str]) -> list[str]:
         elif word == "--ros-args":
             within = True
         else:
-            kept.append(word)
-    return kept
+            remaining.append(word)
+    return remaining
 
 
 def _complete_streams() -> None:
@@ -233,7 +233,7 @@ def _complete_streams() -> None:
 
 
 def _guard(run: Callable[[], int]) -> int:
-    """Run a command with guarded output; its exit status."""
+    """Run a command with guarded output; return its exit status."""
     _complete_streams()
     streams = sys.stdout, sys.stderr
     sys.stdout, sys.stderr = guarded(sys.stdout), guarded(sys.stderr)
@@ -247,7 +247,7 @@ def _reported(run: Callable[[], int]) -> int:
     try:
         try:
             status = run()
-        except SystemExit as stop:  # argparse, after it has said why
+        except SystemExit as stop:  # argparse, after its error message
             status = stop.code if isinstance(stop.code, int) else int(stop.code is not None)
         sys.stdout.flush()
         return status

@@ -1,4 +1,4 @@
-"""What the verbs on a ROS 2 network share: options, joining the domain, hints."""
+"""Options, joining the domain and hints, for the verbs on a ROS 2 network."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     """
     import difflib
 
-    by_lower = {one.lower(): one for one in known}
+    by_lower = {candidate.lower(): candidate for candidate in known}
     matches = [name.lower()]
     if name.lower() not in by_lower:
         matches = difflib.get_close_matches(name.lower(), list(by_lower), 3, 0.7)

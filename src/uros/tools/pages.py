@@ -1,4 +1,4 @@
-"""What the verbs with a page in a browser share: options, and opening the page."""
+"""Options and opening of the page, for the verbs with a page in a browser."""
 
 from __future__ import annotations
 
@@ -76,17 +76,19 @@ def open_pages(
     return pages
 
 
-def bind_error(what: str, host: str, port: int, option: str, error: OSError) -> ToolError:
-    """Return the error that ``what`` cannot use its port."""
+def bind_error(subject: str, host: str, port: int, option: str, error: OSError) -> ToolError:
+    """Return the error that ``subject`` cannot use its port."""
     if isinstance(error, socket.gaierror) or error.errno == errno.EADDRNOTAVAIL:
-        return ToolError(f"{what}: {host} is not an address of this machine; 'ip addr' lists them")
+        return ToolError(
+            f"{subject}: {host} is not an address of this machine; 'ip addr' lists them"
+        )
     if error.errno == errno.EADDRINUSE:
         return ToolError(
-            f"{what}: TCP port {port} is in use, perhaps by another uros: end that one, or give"
+            f"{subject}: TCP port {port} is in use, perhaps by another uros: end that one, or give"
             f" another port with {option}"
         )
     if error.errno == errno.EACCES:
         return ToolError(
-            f"{what}: port {port} is reserved for root; give a port above 1023 with {option}"
+            f"{subject}: port {port} is reserved for root; give a port above 1023 with {option}"
         )
-    return ToolError(f"{what} cannot be served at {host} port {port}: {error.strerror}")
+    return ToolError(f"{subject} cannot be served at {host} port {port}: {error.strerror}")

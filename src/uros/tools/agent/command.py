@@ -88,12 +88,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         group.declare(common)
     transports = parser.add_subparsers(dest="transport", metavar="TRANSPORT")
     for name, transport in TRANSPORTS.items():
-        one = transports.add_parser(
+        subparser = transports.add_parser(
             name, parents=[common], help=transport.help, description=f"serve {transport.help}"
         )
-        transport.add_options(one)
+        transport.add_options(subparser)
         # Not REMAINDER: behind another positional argument it would take the options too.
-        more = one.add_argument(
+        more = subparser.add_argument(
             "more", nargs=argparse.PARSER, default=[], metavar="TRANSPORT",
             help="another transport with its options",
         )  # fmt: skip
@@ -189,9 +189,9 @@ def _serve(options: argparse.Namespace, parts: list[argparse.Namespace]) -> int:
     elif domain_of_agent:
         log(INFO, "Root", "main", "domain of the agent", f"domain_id: {domain_of_agent} (for 255)")
     messages = capture.open_capture(options, agent)
-    keeper = state.make_session_store(options, log)
-    if keeper is not None:
-        server.attachments.append(keeper)
+    store = state.make_session_store(options, log)
+    if store is not None:
+        server.attachments.append(store)
     status_socket.attach(options, server)
     if options.stop_at_eof:
         threading.Thread(target=_stop_at_eof, args=(server,), daemon=True).start()

@@ -76,7 +76,7 @@ def _described(agent: RunningAgent) -> str:
     option = f"--agent {agent.pid}"
     try:
         transports = ask(agent, "status")["transports"]
-        where = ", ".join(f"{one['name']} {one['label']}" for one in transports)
+        where = ", ".join(f"{transport['name']} {transport['label']}" for transport in transports)
     except (ToolError, KeyError, TypeError):
         return option
     return f"{option} ({where})"

@@ -10,6 +10,6 @@
 ``list``          ``uros board list``: list virtual boards, and real ones that can run uros
 ``run``           ``uros board run``: run virtual boards with their firmware
 ``screen``        Prints lines, and on a terminal a table of boards above them
-``simulation``    Runs virtual boards and an agent for them, and obeys the commands that are typed
+``simulation``    Runs virtual boards and an agent for them, and executes typed commands
 ================  ================================================================================
 """

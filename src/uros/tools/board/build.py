@@ -74,7 +74,7 @@ def _passes_help() -> str:
     from ...boards.builder.pipeline import PASSES
 
     lines = [
-        f"  {one.name:<15} {one.purpose}{' (--mpy)' if one.bytecode else ''}" for one in PASSES
+        f"  {step.name:<15} {step.purpose}{' (--mpy)' if step.bytecode else ''}" for step in PASSES
     ]
     return "\n".join(["", "passes over uros's modules, in this order:", "", *lines, ""])
 

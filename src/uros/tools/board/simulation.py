@@ -1,4 +1,4 @@
-"""Runs virtual boards and an agent for them, and obeys the commands that are typed."""
+"""Runs virtual boards and an agent for them, and executes typed commands."""
 
 from __future__ import annotations
 
@@ -269,12 +269,12 @@ class Simulation:
 
     def _help(self) -> str:
         seat = self._seats[0]
-        # The others may need a value, or do nothing at first, such as usb:plug.
+        # Other actions may need a value, or have no effect at first, such as usb:plug.
         known = seat.board.happenings
-        what = next((one for one in _EXAMPLES if one in known), known[0])
+        command = next((example for example in _EXAMPLES if example in known), known[0])
         if len(self._seats) > 1:
-            what = f"{seat.plan.title} {what}"
-        return _HELP.format(example=what, name=seat.plan.board)
+            command = f"{seat.plan.title} {command}"
+        return _HELP.format(example=command, name=seat.plan.board)
 
     def _table(self) -> list[Row]:
         from ..agent.status import node_name
@@ -283,16 +283,16 @@ class Simulation:
         rows = [Row(("BOARD", "PROGRAM", "USB", "NODE", "IN/S", "OUT/S"))]
         for seat in self._seats:
             client = self._client(seat)
-            node, came, went = "-", "-", "-"
+            node, rate_in, rate_out = "-", "-", "-"
             if client is not None:
                 node = " ".join(node_name(node_info) for node_info in client["nodes"]) or "-"
                 if client["rate_over"] < client["age"]:  # else it includes the creation of objects
-                    came = f"{client['received']['rate']:.1f}"
-                    went = f"{client['sent']['rate']:.1f}"
+                    rate_in = f"{client['received']['rate']:.1f}"
+                    rate_out = f"{client['sent']['rate']:.1f}"
             seen = ", ".join(f"{name} {shows}" for name, shows in seat.shows.items() if shows)
             if seat.faults:
                 seen += f"{', ' * bool(seen)}faults: {' '.join(seat.faults)}"
-            cells = (seat.plan.title, seat.program, seat.board.usb, node, came, went)
+            cells = (seat.plan.title, seat.program, seat.board.usb, node, rate_in, rate_out)
             rows.append(Row(cells, seen))
         return rows
 
@@ -323,7 +323,7 @@ class Simulation:
         if kind == "agent":
             self._screen.say(event["line"])
         elif kind == "input":
-            self._obey(event["line"])
+            self._execute(event["line"])
         elif seat is not None:
             self._on_board(seat, kind, event)
 
@@ -352,7 +352,9 @@ class Simulation:
         elif kind == "happened":
             seat.faults = event["faults"]
             part = event["spec"].partition(":")[0] + ":"
-            others = [one for one in seat.faults if one.startswith(part) and one != event["spec"]]
+            others = [
+                fault for fault in seat.faults if fault.startswith(part) and fault != event["spec"]
+            ]
             done = f"done: {event['spec']}"
             if others:
                 done += f"; other faults of this part: {', '.join(others)}"
@@ -369,12 +371,12 @@ class Simulation:
             return
         for seat in self._seats:
             for name, shows in seat.shows.items():
-                when, what = seat.told[name]
-                if shows != what and now - when >= _TELL_SECONDS:
+                when, printed = seat.told[name]
+                if shows != printed and now - when >= _TELL_SECONDS:
                     seat.told[name] = (now, shows)
                     self._say(seat, f"{name} {shows}")
 
-    def _obey(self, line: str) -> None:
+    def _execute(self, line: str) -> None:
         if not line:
             return
         if line in ("help", "?"):
@@ -383,8 +385,8 @@ class Simulation:
         if line in ("quit", "exit"):
             raise KeyboardInterrupt
         title, _, rest = line.partition(" ")
-        meant = [seat for seat in self._seats if seat.plan.title == title]
-        if meant:
+        targets = [seat for seat in self._seats if seat.plan.title == title]
+        if targets:
             line = rest.strip()
         else:
             part = line.partition(":")[0] + ":"
@@ -393,16 +395,16 @@ class Simulation:
                 for seat in self._seats
                 if any(spec.startswith(part) for spec in seat.board.happenings)
             ]
-            meant = self._seats if len(self._seats) == 1 else having
+            targets = self._seats if len(self._seats) == 1 else having
         if line == "all:off":
-            for seat in meant or self._seats:
+            for seat in targets or self._seats:
                 seat.board.press("happen", spec=line)
             return
-        if len(meant) != 1:
+        if len(targets) != 1:
             known = ", ".join(seat.plan.title for seat in self._seats)
             self._say(None, f"put the board and a space before the command: {known}")
             return
-        seat = meant[0]
+        seat = targets[0]
         if line == "heap" and seat.plan.engine != "micropython":
             self._say(seat, "heap needs the engine micropython")
         elif line in ("reset", "heap"):

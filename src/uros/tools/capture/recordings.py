@@ -181,15 +181,15 @@ class SerialChunks(Chunks):
 
     def messages(self, from_client: bool, client: int, data: bytes) -> list[bytes]:
         """See :meth:`Chunks.messages`."""
-        found = self._deframers.get((from_client, client))
-        if found is None:
+        deframer = self._deframers.get((from_client, client))
+        if deframer is None:
             if len(self._deframers) >= MAX_CLIENTS:
                 raise ValueError(f"over {MAX_CLIENTS} clients")
             # All frames of one direction have the destination of the first.
             at = data.find(FLAG)
             address = data[at + 2] if 0 <= at < len(data) - 2 else 0 if from_client else 1
-            found = self._deframers[from_client, client] = Deframer(address)
-        return found.feed(data)
+            deframer = self._deframers[from_client, client] = Deframer(address)
+        return deframer.feed(data)
 
 
 class TcpChunks(Chunks):
@@ -202,12 +202,12 @@ class TcpChunks(Chunks):
 
     def messages(self, from_client: bool, client: int, data: bytes) -> list[bytes]:
         """See :meth:`Chunks.messages`."""
-        found = self._deframers.get((from_client, client))
-        if found is None:
+        deframer = self._deframers.get((from_client, client))
+        if deframer is None:
             if len(self._deframers) >= MAX_CLIENTS:
                 raise ValueError(f"over {MAX_CLIENTS} clients")
-            found = self._deframers[from_client, client] = LengthDeframer()
-        return found.feed(data)
+            deframer = self._deframers[from_client, client] = LengthDeframer()
+        return deframer.feed(data)
 
 
 def chunks_of(first: bytes) -> Chunks:

@@ -37,12 +37,13 @@ def check_port(port: int, agents: Collection[int] = (), asked: bool = True) -> l
     taken = [process.taken_port(protocol, port) for protocol in ("udp", "tcp")]
     if not any(taken):
         return [ok("port", f"port {port} is free, for UDP and for TCP")]
-    return [_taken(one, agents, asked or one.protocol == "udp") for one in taken if one is not None]
+    ports = [entry for entry in taken if entry is not None]
+    return [_taken(entry, agents, asked or entry.protocol == "udp") for entry in ports]
 
 
 def _taken(port: process.Taken, agents: Collection[int], grave: bool) -> Finding:
     where = f"{port.protocol.upper()} port {port.port}"
-    other = (
+    fix = (
         f"use another port: uros agent {port.protocol}4 --port {_free(port)}, and set it in the"
         " boards"
     )
@@ -50,17 +51,17 @@ def _taken(port: process.Taken, agents: Collection[int], grave: bool) -> Finding
         return (problem if grave else note)(
             "port",
             f"{where} is in use by a process of another user",
-            f"show the process: sudo ss -lpn 'sport = :{port.port}'; or {other}",
+            f"show the process: sudo ss -lpn 'sport = :{port.port}'; or {fix}",
         )
     names = " and ".join(map(str, port.holders))
-    kill = "kill " + " ".join(str(one.pid) for one in port.holders)
-    if all(one.pid in agents or one.is_uros_agent for one in port.holders):
+    kill = "kill " + " ".join(str(holder.pid) for holder in port.holders)
+    if all(holder.pid in agents or holder.is_uros_agent for holder in port.holders):
         return ok("port", f"{where} is served by a uros agent: {names}",
                   f"only if you want to start another agent in its place: {kill}")  # fmt: skip
-    if any(one.is_foreign_agent for one in port.holders):
+    if any(holder.is_foreign_agent for holder in port.holders):
         names += ", eProsima's agent"
     return (problem if grave else note)(
-        "port", f"{where} is in use by {names}", f"{kill}; or {other}"
+        "port", f"{where} is in use by {names}", f"{kill}; or {fix}"
     )
 
 
@@ -83,17 +84,17 @@ def check_agents(snapshots: Sequence[Snapshot]) -> Finding:
     """Report which agents run, and how many boards each has."""
     if not snapshots:
         return note("agents", "no uros agent runs under this user", "uros agent udp4 --port 8888")
-    told = []
+    agents = []
     for snapshot in snapshots:
         count = len(snapshot.get("clients", []))
-        told.append(f"pid {snapshot.get('pid')} with {count} board{'s' if count != 1 else ''}")
+        agents.append(f"pid {snapshot.get('pid')} with {count} board{'s' if count != 1 else ''}")
     if all(not snapshot.get("clients") for snapshot in snapshots):
         return note(
             "agents",
-            f"a uros agent runs, but no board is connected: {', '.join(told)}",
+            f"a uros agent runs, but no board is connected: {', '.join(agents)}",
             "compare the board's agent address and port, or device and baud rate, with the agent's",
         )
-    return ok("agents", f"uros agents: {', '.join(told)}")
+    return ok("agents", f"uros agents: {', '.join(agents)}")
 
 
 def check_middleware(snapshots: Sequence[Snapshot]) -> list[Finding]:
@@ -126,49 +127,49 @@ def check_keys(looks: Sequence[Sequence[Snapshot]]) -> list[Finding]:
     """
     if not looks or not looks[-1]:
         return []
-    found = _refused_keys(looks[-1])
+    findings = _refused_keys(looks[-1])
     for (_, key), places in _places(looks).items():
         at_once = max(map(len, places))
         several = dict.fromkeys(place for some in places for place in some)
-        if len(several) < 2 or key in found:
+        if len(several) < 2 or key in findings:
             continue
         where = " and ".join(several)
         if at_once > 1 or _came_back([place for some in places for place in some[:1]]):
-            found[key] = problem(
+            findings[key] = problem(
                 "client key",
                 f"the client key {key} comes from {where}: two boards have it, and each ends the"
                 " session of the other",
                 _KEY_FIX,
             )
         else:
-            found[key] = note(
+            findings[key] = note(
                 "client key",
                 f"the client key {key} has come from {where}: a board changed its address, or two"
                 " boards have the key",
                 _KEY_FIX,
             )
-    if not found and boards(looks[-1]):
+    if not findings and boards(looks[-1]):
         return [ok("client key", "no two boards of an agent have the same key")]
-    return list(found.values())
+    return list(findings.values())
 
 
 def _refused_keys(snapshots: Sequence[Snapshot]) -> dict[str, Finding]:
-    found = {}
+    findings = {}
     for snapshot in snapshots:
         for refused in snapshot.get("refused", []):
             if not _about_key(refused):
                 continue
             key = str(refused.get("key"))
             clients = snapshot.get("clients", [])
-            here = [one.get("address") for one in clients if one.get("key") == key]
-            who = f"the one at {here[0]}" if here else "another one"
-            found[key] = problem(
+            addresses = [client.get("address") for client in clients if client.get("key") == key]
+            holder = f"the one at {addresses[0]}" if addresses else "another one"
+            findings[key] = problem(
                 "client key",
-                f"two boards have the client key {key}: {who} has the session, and the one at"
+                f"two boards have the client key {key}: {holder} has the session, and the one at"
                 f" {refused.get('address')} is refused ({refused.get('times', 1)} times)",
                 _KEY_FIX,
             )
-    return found
+    return findings
 
 
 def _about_key(refused: dict[str, Any]) -> bool:
@@ -180,7 +181,7 @@ def _about_key(refused: dict[str, Any]) -> bool:
 def _places(looks: Sequence[Sequence[Snapshot]]) -> dict[tuple[Any, str], list[list[str]]]:
     """Return by agent and key the addresses in each snapshot that has the key."""
     agents = {snapshot.get("pid") for snapshot in looks[-1]}
-    found: dict[tuple[Any, str], list[list[str]]] = {}
+    by_key: dict[tuple[Any, str], list[list[str]]] = {}
     for look in looks:
         seen: dict[tuple[Any, str], list[str]] = {}
         for snapshot, client in boards(look):
@@ -191,8 +192,8 @@ def _places(looks: Sequence[Sequence[Snapshot]]) -> dict[tuple[Any, str], list[l
                 place += f" (agent {snapshot.get('pid')})"
             seen.setdefault((snapshot.get("pid"), str(client.get("key"))), []).append(place)
         for key, places in seen.items():
-            found.setdefault(key, []).append(places)
-    return found
+            by_key.setdefault(key, []).append(places)
+    return by_key
 
 
 def _came_back(places: list[str]) -> bool:
@@ -206,7 +207,7 @@ def check_lines(snapshots: Sequence[Snapshot]) -> list[Finding]:
 
     Nobody else can listen on a line while an agent uses it.
     """
-    found = []
+    findings = []
     for snapshot in snapshots:
         sound = []
         for line in snapshot.get("transports", []):
@@ -215,7 +216,7 @@ def check_lines(snapshots: Sequence[Snapshot]) -> list[Finding]:
             frames = line.get("frames", line.get("messages", 0))
             name, broken, skipped = line.get("label"), line["crc_errors"], line.get("skipped", 0)
             if not frames and skipped >= _NOISE:
-                found.append(
+                findings.append(
                     problem(
                         "line",
                         f"{skipped} bytes came over {name} to the agent {snapshot.get('pid')},"
@@ -224,7 +225,7 @@ def check_lines(snapshots: Sequence[Snapshot]) -> list[Finding]:
                     )
                 )
             elif broken >= _FEW and broken * _BROKEN > frames:
-                found.append(
+                findings.append(
                     problem(
                         "line",
                         f"{broken} of {frames + broken} frames over {name} came broken",
@@ -235,10 +236,10 @@ def check_lines(snapshots: Sequence[Snapshot]) -> list[Finding]:
             elif frames:
                 sound.append(f"{frames} sound frames came over {name}")
         if len(sound) == 1:
-            found.append(ok("line", sound[0]))
+            findings.append(ok("line", sound[0]))
         elif sound:
-            found.append(ok("line", f"sound frames came over {len(sound)} lines"))
-    return found
+            findings.append(ok("line", f"sound frames came over {len(sound)} lines"))
+    return findings
 
 
 def check_refused(snapshots: Sequence[Snapshot]) -> list[Finding]:
@@ -246,13 +247,13 @@ def check_refused(snapshots: Sequence[Snapshot]) -> list[Finding]:
     return [
         problem(
             "refused",
-            f"the agent {snapshot.get('pid')} refuses the board {one.get('key')} at"
-            f" {one.get('address')}: {one.get('why')} ({one.get('times', 1)} times)",
+            f"the agent {snapshot.get('pid')} refuses the board {client.get('key')} at"
+            f" {client.get('address')}: {client.get('why')} ({client.get('times', 1)} times)",
             "change the agent's admission options: uros agent udp4 --help",
         )
         for snapshot in snapshots
-        for one in snapshot.get("refused", [])
-        if not _about_key(one)
+        for client in snapshot.get("refused", [])
+        if not _about_key(client)
     ]
 
 
@@ -271,12 +272,12 @@ def check_clocks(snapshots: Sequence[Snapshot]) -> list[Finding]:
 
     Their stamps may still be right: a board can correct them by the offset. `check_stamps` tells.
     """
-    found = []
+    findings = []
     for _, client in boards(snapshots):
         offset = client.get("clock_offset")
         if isinstance(offset, (int, float)) and CLOCK_LIMIT < abs(offset) < _NEVER_SET:
             way = "behind" if offset < 0 else "ahead of"
-            found.append(
+            findings.append(
                 note(
                     "board clock",
                     f"the clock of {of_board(client)} was {abs(offset):.1f} s {way} the agent's"
@@ -284,4 +285,4 @@ def check_clocks(snapshots: Sequence[Snapshot]) -> list[Finding]:
                     "synchronize more often: rmw_uros_sync_session(1000); uros does so every 30 s",
                 )
             )
-    return found
+    return findings

@@ -120,21 +120,21 @@ def check_domains(
         wanted: The domains of the user's own nodes.
     """
     findings = []
-    told: set[int] = set()
+    reported: set[int] = set()
     names = {node for node, _ in boards}
-    for here in found:
-        for there in found:
-            if here == there:
+    for publishing in found:
+        for subscribing in found:
+            if publishing == subscribing:
                 continue
-            topics = _apart(found, here, there)
+            topics = _apart(found, publishing, subscribing)
             if topics:
-                told |= {here, there}
-                findings.append(_apart_finding(found, here, there, topics, names))
+                reported |= {publishing, subscribing}
+                findings.append(_apart_finding(found, publishing, subscribing, topics, names))
     for domain in dict.fromkeys(domain for _, domain in boards):
-        if domain in wanted or domain in told:
+        if domain in wanted or domain in reported:
             continue
-        nodes = [node for node, its in boards if its == domain]
-        who = (
+        nodes = [node for node, board_domain in boards if board_domain == domain]
+        subject = (
             f"the boards' nodes {_some(nodes)} are"
             if len(nodes) > 1
             else f"the board's node {nodes[0]} is"
@@ -142,7 +142,7 @@ def check_domains(
         findings.append(
             problem(
                 "domain",
-                f"{who} in domain {domain},"
+                f"{subject} in domain {domain},"
                 f" and you look at domain {' and '.join(map(str, wanted))}",
                 f"export ROS_DOMAIN_ID={domain} where your ROS 2 nodes start, or start the agent"
                 f" with --domain {wanted[0]}",
@@ -170,14 +170,17 @@ def _of(boards: Sequence[tuple[str, int]]) -> list[int]:
     return sorted({domain for _, domain in boards})
 
 
-def _apart(found: Mapping[int, Sequence[End]], here: int, there: int) -> list[str]:
-    """Return the topics with only publishers here and only subscriptions there, of one type."""
+def _apart(found: Mapping[int, Sequence[End]], publishing: int, subscribing: int) -> list[str]:
+    """Return the topics with only publishers in one domain, only subscriptions in the other.
+
+    The endpoints must have a type in common.
+    """
     topics = []
-    for topic in dict.fromkeys(end.topic for end in found[here] if end.is_writer):
+    for topic in dict.fromkeys(end.topic for end in found[publishing] if end.is_writer):
         if topic in EVERYWHERE:
             continue
-        writers = [end for end in found[here] if end.topic == topic]
-        readers = [end for end in found[there] if end.topic == topic]
+        writers = [end for end in found[publishing] if end.topic == topic]
+        readers = [end for end in found[subscribing] if end.topic == topic]
         if (
             readers
             and all(end.is_writer for end in writers)
@@ -189,19 +192,23 @@ def _apart(found: Mapping[int, Sequence[End]], here: int, there: int) -> list[st
 
 
 def _apart_finding(
-    found: Mapping[int, Sequence[End]], here: int, there: int, topics: list[str], boards: set[str]
+    found: Mapping[int, Sequence[End]],
+    publishing: int,
+    subscribing: int,
+    topics: list[str],
+    boards: set[str],
 ) -> Finding:
-    senders = _nodes(found[here], topics)
-    receivers = _nodes(found[there], topics)
+    senders = _nodes(found[publishing], topics)
+    receivers = _nodes(found[subscribing], topics)
     what = (
-        f"{_some(senders)} in domain {here} publishes {_some(topics)}, and {_some(receivers)}"
-        f" subscribes to it in domain {there}: they never meet"
+        f"{_some(senders)} in domain {publishing} publishes {_some(topics)}, and {_some(receivers)}"
+        f" subscribes to it in domain {subscribing}: they never meet"
     )
     if boards & set(receivers) and not boards & set(senders):
-        agent, other, moved = here, there, senders
+        agent, peer, moved = publishing, subscribing, senders
     else:
-        agent, other, moved = there, here, receivers
-    fix = f"export ROS_DOMAIN_ID={other} before {_some(moved)} starts"
+        agent, peer, moved = subscribing, publishing, receivers
+    fix = f"export ROS_DOMAIN_ID={peer} before {_some(moved)} starts"
     if boards & {*senders, *receivers}:
         fix += f", or start the agent with --domain {agent}"
     return problem("domain", what, fix)
@@ -245,29 +252,29 @@ def check_types(picture: Picture, domain: int) -> list[Finding]:
 
 
 def _types_differ(topic: str, by_type: Mapping[str, list[str]]) -> Finding:
-    told = ", and ".join(
+    places = ", and ".join(
         f"{type_name} in {_some(list(dict.fromkeys(nodes)))}"
         for type_name, nodes in by_type.items()
     )
     fewest = min(by_type.values(), key=len)
-    other = next(one for one, nodes in by_type.items() if nodes is not fewest)
+    common = next(type_name for type_name, nodes in by_type.items() if nodes is not fewest)
     new = word(f"{topic}:={topic}_2")
     return problem(
         "types",
-        f"{topic} has different types, so its endpoints do not match: {told}",
-        f"use {other} in {fewest[0]} too, or another name there: --ros-args -r {new}"
+        f"{topic} has different types, so its endpoints do not match: {places}",
+        f"use {common} in {fewest[0]} too, or another name there: --ros-args -r {new}"
         f" (a board's: uros agent ... --remap {new})",
     )
 
 
 def _hashes_differ(topic: str, type_name: str, by_hash: Mapping[str, list[str]]) -> Finding:
-    told = ", and ".join(
+    places = ", and ".join(
         f"{type_hash[:15]}... in {_some(list(dict.fromkeys(nodes)))}"
         for type_hash, nodes in by_hash.items()
     )
     return problem(
         "types",
-        f"{type_name} of {topic} is not the same everywhere: {told}",
+        f"{type_name} of {topic} is not the same everywhere: {places}",
         f"build all of them with one version of {type_name.partition('/')[0]}; compare:"
         f" ros2 interface show {word(type_name)}",
     )

@@ -136,16 +136,16 @@ def _list(partitions: Sequence[str]) -> str:
     return ", ".join(map(repr, partitions)) if partitions else "none"
 
 
-def _meet(ones: Sequence[str], others: Sequence[str]) -> bool:
+def _meet(offered: Sequence[str], requested: Sequence[str]) -> bool:
     """Whether two lists of partitions have one in common.
 
     A pattern matches names, but no pattern, not even itself. An empty list is the partition ''.
     """
-    for one in ones or ("",):
-        for other in others or ("",):
-            if _is_pattern(one) and _is_pattern(other):
+    for offer in offered or ("",):
+        for request in requested or ("",):
+            if _is_pattern(offer) and _is_pattern(request):
                 continue
-            if fnmatchcase(one, other) or fnmatchcase(other, one):
+            if fnmatchcase(offer, request) or fnmatchcase(request, offer):
                 return True
     return False
 
@@ -175,8 +175,8 @@ def check_qos(picture: Picture, domain: int, boards: Collection[str] = ()) -> li
                 if pairs == _MAX_PAIRS:
                     break
                 pairs += 1
-                for one in mismatches(writer.qos, reader.qos):
-                    found[_pair(topic, writer, reader, one, boards)] = None
+                for mismatch in mismatches(writer.qos, reader.qos):
+                    found[_pair(topic, writer, reader, mismatch, boards)] = None
     rest = []
     if len(found) > _MOST:
         more = len(found) - _MOST
@@ -220,12 +220,12 @@ def _fix(topic: str, sender: str, receiver: str, one: Mismatch, boards: Collecti
         return f"start the agent with --qos {word(f'{topic}:{one.request}')}"
     if sender in boards and one.offer:
         return f"start the agent with --qos {word(f'{topic}:{one.offer}')}"
-    for who, rule, what in (
+    for node, rule, kind in (
         (receiver, one.request, "subscription"),
         (sender, one.offer, "publisher"),
     ):
-        if rule and who not in boards:
-            return f"in {who}, create the {what} of {topic} with {_code(rule)}"
+        if rule and node not in boards:
+            return f"in {node}, create the {kind} of {topic} with {_code(rule)}"
     if one.policy == "partition":
         return f"give {sender} and {receiver} a common partition, or none, on {topic}"
     return f"set the same {one.policy} for {topic} in {sender} and {receiver}"

@@ -46,7 +46,9 @@ class ImageSource:
         graph = self._network.graph
         publishers = graph.publishers(self._topic)
         for type_name in TYPES:
-            offered = [one.qos for one in publishers if one.type_name == type_name]
+            offered = [
+                publisher.qos for publisher in publishers if publisher.type_name == type_name
+            ]
             if not offered:
                 self._end(type_name)
                 continue

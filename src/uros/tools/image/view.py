@@ -104,10 +104,10 @@ class Shown:
         span = max(times[-1], now - mean) - times[0]
         return (len(times) - 1) / span if span else 0.0
 
-    def answer(self, asked: dict[str, str]) -> Answer:
+    def answer(self, query: dict[str, str]) -> Answer:
         """Answer ``/picture?version=V&picture=N``: the state, and the image if it is not N."""
         with self._newest:
-            self._newest.wait(number(asked, "version"), _WAIT_SECONDS)
+            self._newest.wait(number(query, "version"), _WAIT_SECONDS)
             picture = self._picture
             about: dict[str, Any] = {
                 "version": self._newest.version,
@@ -127,6 +127,6 @@ class Shown:
             stamp=f"{picture.stamp_ns // 10**9}.{picture.stamp_ns % 10**9:09d}",
             ago=round(max(0.0, time.time() - received_ns / 1e9), 1),
         )  # fmt: skip
-        if number(asked, "picture") == about["picture"]:
+        if number(query, "picture") == about["picture"]:
             return Answer(200, b"", "text/plain", about)
         return Answer(200, picture.data, picture.mime, about)

@@ -51,9 +51,9 @@ def run(args: argparse.Namespace) -> int:
     ):
         print(f"  {title}:")
         lines = [
-            f"    {one}: {', '.join(types)}"
-            for one, types in belongings.items()
-            if args.include_hidden or not names.is_hidden(one)
+            f"    {name}: {', '.join(types)}"
+            for name, types in belongings.items()
+            if args.include_hidden or not names.is_hidden(name)
         ]
         print("\n".join(lines))  # an empty section is an empty line, as in ros2
     return 0

@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
     try:
         pages = open_pages(
             args, ("pid.html", "page.css", "pid.js"),
-            get={"/state": lambda asked: _state(tuning, asked)},
+            get={"/state": lambda query: _state(tuning, query)},
             post={"/gains": lambda value: _gains(tuning, value)},
             option="--page-port",
         )  # fmt: skip
@@ -65,10 +65,10 @@ def run(args: argparse.Namespace) -> int:
             flush=True,
         )
         threading.Thread(target=_listen, args=(tuning,), daemon=True).start()
-        seen = 0
+        last = 0
         try:
             while True:
-                seen, fresh = tuning.notes_since(seen, _WAIT_SECONDS)
+                last, fresh = tuning.notes_since(last, _WAIT_SECONDS)
                 for text in fresh:
                     print(printable(text), flush=True)
         finally:
@@ -79,8 +79,8 @@ def run(args: argparse.Namespace) -> int:
         tuning.close()
 
 
-def _state(tuning: Tuning, asked: dict[str, str]) -> Answer:
-    return as_json(tuning.snapshot(number(asked, "version"), _WAIT_SECONDS))
+def _state(tuning: Tuning, query: dict[str, str]) -> Answer:
+    return as_json(tuning.snapshot(number(query, "version"), _WAIT_SECONDS))
 
 
 def _gains(tuning: Tuning, value: Any) -> Answer:

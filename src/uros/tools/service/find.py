@@ -25,12 +25,13 @@ def run(args: argparse.Namespace) -> int:
     package, _, name = args.type.partition("/")
     wanted = args.type if "/" in name else f"{package}/srv/{name}"
     with join(args) as network:
-        found = [one for one, types in services(network, args).items() if wanted in types]
-        if not found:
+        listed = services(network, args).items()
+        matches = [service for service, types in listed if wanted in types]
+        if not matches:
             hint_if_alone(network)
     if args.count_services:
-        print(len(found))
+        print(len(matches))
     else:
-        for one in found:
-            print(one)
+        for service in matches:
+            print(service)
     return 0

@@ -102,26 +102,27 @@ class Rate:
 
 def report(rates: dict[str, Rate]) -> str:
     """Return what ros2 prints once a second; nothing if no message came."""
-    found = {topic: stats for topic, rate in rates.items() if (stats := rate.statistics())}
-    if not found:
+    statistics = {topic: stats for topic, rate in rates.items() if (stats := rate.statistics())}
+    if not statistics:
         return ""
     if len(rates) == 1:
-        (one,) = found.values()
+        (stats,) = statistics.values()
         return (
-            f"average rate: {one.rate:.3f}\n\tmin: {one.shortest:.3f}s max: {one.longest:.3f}s"
-            f" std dev: {one.deviation:.5f}s window: {one.window}\n"
+            f"average rate: {stats.rate:.3f}\n"
+            f"\tmin: {stats.shortest:.3f}s max: {stats.longest:.3f}s"
+            f" std dev: {stats.deviation:.5f}s window: {stats.window}\n"
         )
     head = ("topic", "rate", "min_delta", "max_delta", "std_dev", "window")
     rows = [
         (
             topic,
-            f"{one.rate:.3f}",
-            f"{one.shortest:.3f}",
-            f"{one.longest:.3f}",
-            f"{one.deviation:.5f}",
-            str(one.window),
+            f"{stats.rate:.3f}",
+            f"{stats.shortest:.3f}",
+            f"{stats.longest:.3f}",
+            f"{stats.deviation:.5f}",
+            str(stats.window),
         )
-        for topic, one in found.items()
+        for topic, stats in statistics.items()
     ]
     widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
     lines = [

@@ -238,17 +238,19 @@ class _Mismatches:
                 named = False
                 continue
             self._told.add(end.gid)
-            who = "a subscription" if nameless else names.join(end.node_namespace, end.node_name)
+            subscriber = (
+                "a subscription" if nameless else names.join(end.node_namespace, end.node_name)
+            )
             if end.type_name != self._type:
                 warn(
-                    f"{who} subscribes to {self.topic} with the type {end.type_name}: it will"
-                    " receive nothing"
+                    f"{subscriber} subscribes to {self.topic} with the type {end.type_name}: it"
+                    " will receive nothing"
                 )
                 continue
-            for one in mismatches(self._qos, end.qos):
+            for mismatch in mismatches(self._qos, end.qos):
                 warn(
-                    f"{who} requests {one.requested} on {self.topic}, and this offers"
-                    f" {one.offered}: it will receive nothing; see --qos-reliability and"
+                    f"{subscriber} requests {mismatch.requested} on {self.topic}, and this offers"
+                    f" {mismatch.offered}: it will receive nothing; see --qos-reliability and"
                     " --qos-durability"
                 )
         return named

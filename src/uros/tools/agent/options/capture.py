@@ -29,8 +29,8 @@ OPTIONS.add(
 )  # fmt: skip
 
 
-def _is_same_file(one: str, other: str) -> bool:
-    return os.path.realpath(one) == os.path.realpath(other)
+def _is_same_file(path: str, second: str) -> bool:
+    return os.path.realpath(path) == os.path.realpath(second)
 
 
 def open_capture(options: argparse.Namespace, agent: Agent) -> Capture | None:
