@@ -112,17 +112,17 @@ PASSED_OVER = {"build", "dist", "venv", "node_modules", "CVS", "_darcs"}
 
 @cache
 def modules() -> dict[str, Path]:
-    """All modules of uros, by their full names."""
-    found = {}
+    """Return all modules of uros, by their full names."""
+    files = {}
     for path in SOURCE.rglob("*.py"):
         parts = ["uros", *path.relative_to(SOURCE).with_suffix("").parts]
-        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
-    return found
+        files[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return files
 
 
 @cache
 def imports() -> dict[str, frozenset[str]]:
-    """What each module imports of uros, wherever it does: in functions and for type checkers."""
+    """Return the modules of uros that each module imports, at any place and for type checkers."""
     return {name: frozenset(_imports(name, path)) - {name} for name, path in modules().items()}
 
 
@@ -151,8 +151,8 @@ def within(name: str, package: str) -> bool:
 
 
 def test_every_room_is_known() -> None:
-    there = {room(name) for name in modules()} - {"", "__main__"}
-    assert there == set(ALLOWED), "a room of src/uros is not in ALLOWED, or ALLOWED has one more"
+    rooms = {room(name) for name in modules()} - {"", "__main__"}
+    assert rooms == set(ALLOWED), "a room of src/uros is not in ALLOWED, or ALLOWED has one more"
 
 
 def test_imports_stay_within_the_walls() -> None:
@@ -161,8 +161,10 @@ def test_imports_stay_within_the_walls() -> None:
         if room(name) not in ALLOWED:
             continue
         may = ALLOWED[room(name)] | {room(name), ""}
-        bad = sorted(it for it in imported if room(it) not in may)
-        wrong += [f"{name} imports {it}, {room(name)} may not import {room(it)}" for it in bad]
+        bad = sorted(module for module in imported if room(module) not in may)
+        wrong += [
+            f"{name} imports {module}, {room(name)} may not import {room(module)}" for module in bad
+        ]
     assert not wrong, "\n".join(wrong)
 
 
@@ -172,11 +174,11 @@ def test_imports_stay_within_the_inner_walls() -> None:
         for name, imported in imports().items():
             if within(name, package):
                 wrong += [
-                    f"{name} imports {it}: {why}"
-                    for it in sorted(imported)
-                    if not within(it, package)
-                    and it not in EVERYBODYS
-                    and any(within(it, bar) for bar in barred)
+                    f"{name} imports {module}: {why}"
+                    for module in sorted(imported)
+                    if not within(module, package)
+                    and module not in EVERYBODYS
+                    and any(within(module, bar) for bar in barred)
                 ]
     assert not wrong, "\n".join(wrong)
 
@@ -204,7 +206,7 @@ def test_no_import_circle() -> None:
 
 
 def _circles() -> list[list[str]]:
-    """The strongly connected parts of the import graph that have more than one module (Tarjan)."""
+    """Return the strongly connected parts of the import graph with several modules (Tarjan)."""
     found: list[list[str]] = []
     number: dict[str, int] = {}
     lowest: dict[str, int] = {}
@@ -234,7 +236,7 @@ def _circles() -> list[list[str]]:
 def test_a_module_stands_in_a_room() -> None:
     wrong = []
     for folder, modules_of_it in FULL.items():
-        rooms = sorted(it.parent.name for it in (SOURCE / folder).glob("*/__init__.py"))
+        rooms = sorted(index.parent.name for index in (SOURCE / folder).glob("*/__init__.py"))
         for path in (SOURCE / folder).glob("*.py"):
             if path.stem != "__init__" and path.stem not in modules_of_it:
                 wrong.append(
@@ -245,34 +247,40 @@ def test_a_module_stands_in_a_room() -> None:
 
 
 def test_each_package_lists_its_modules() -> None:
-    """In the docstring of its ``__init__``: a reader finds the file for a subject there."""
+    """The docstring of ``__init__`` lists all modules, so that a reader finds the right file."""
     wrong = []
     for index in sorted(SOURCE.rglob("__init__.py")):
         folder = index.parent
         if folder == SOURCE or "shims" in folder.parts:  # boards have what is in shims
             continue
-        told = ast.get_docstring(ast.parse(index.read_text("utf-8"))) or ""
-        named = set(re.findall(r"^``(\w+)``", told, re.M))
-        there = {path.stem for path in folder.glob("*.py")} - {"__init__"}
-        there |= {path.parent.name for path in folder.glob("*/__init__.py")}
-        missing, gone = sorted(there - named), sorted(named - there)
+        text = ast.get_docstring(ast.parse(index.read_text("utf-8"))) or ""
+        named = set(re.findall(r"^``(\w+)``", text, re.M))
+        files = {path.stem for path in folder.glob("*.py")} - {"__init__"}
+        files |= {path.parent.name for path in folder.glob("*/__init__.py")}
+        missing, surplus = sorted(files - named), sorted(named - files)
         if missing:
             wrong.append(f"{index.relative_to(ROOT)} does not list {', '.join(missing)}")
-        if gone:
-            wrong.append(f"{index.relative_to(ROOT)} lists what is not there: {', '.join(gone)}")
+        if surplus:
+            wrong.append(f"{index.relative_to(ROOT)} lists what is not there: {', '.join(surplus)}")
     assert not wrong, "\n".join(wrong)
 
 
 def test_every_folder_of_modules_is_a_package() -> None:
     folders = {path.parent for path in SOURCE.rglob("*.py")}
-    bare = sorted(str(it.relative_to(ROOT)) for it in folders if not (it / "__init__.py").is_file())
+    bare = sorted(
+        str(folder.relative_to(ROOT))
+        for folder in folders
+        if not (folder / "__init__.py").is_file()
+    )
     assert not bare, f"no __init__.py with an index in {', '.join(bare)}"
 
 
 def test_no_folder_has_a_name_that_tools_pass_over() -> None:
-    """pytest and ruff skip such folders in silence."""
+    """pytest and ruff skip such folders without a message."""
     listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True)
-    paths = listed.stdout.splitlines() or [str(it.relative_to(ROOT)) for it in SOURCE.rglob("*")]
+    paths = listed.stdout.splitlines() or [
+        str(path.relative_to(ROOT)) for path in SOURCE.rglob("*")
+    ]
     wrong = {path for path in paths if PASSED_OVER & set(Path(path).parts[:-1])}
     assert not wrong, f"name the folder otherwise: {', '.join(sorted(wrong))}"
 
@@ -299,7 +307,7 @@ print("FOUND", *found, sep="\\n")
 
 
 def test_every_file_with_tests_is_collected() -> None:
-    """A folder or a name that pytest passes over would hide its tests."""
+    """A folder or a file name that pytest ignores would hide its tests."""
     done = subprocess.run(
         [sys.executable, "-c", COLLECTED], cwd=ROOT, capture_output=True, text=True
     )
@@ -309,7 +317,7 @@ def test_every_file_with_tests_is_collected() -> None:
         for path in (ROOT / "tests").rglob("*.py")
         if re.search(r"^(?:async )?def test_", path.read_text("utf-8"), re.M)
     }
-    missed = {str(it.relative_to(ROOT)) for it in on_disk - collected}
+    missed = {str(file.relative_to(ROOT)) for file in on_disk - collected}
     for path, test in RUN_BY_A_TEST.items():
         assert Path(path).name in (ROOT / test).read_text("utf-8")
         missed.remove(path)

@@ -49,6 +49,6 @@ def test_the_help_has_the_defaults():
 
 
 def test_an_agent_with_a_watchdog_ends_normally():
-    with process("udp4", "--port", "0", "-m", "memory", "--max-objects", "5") as it:
-        it.until("running")
-        assert it.end() == 0
+    with process("udp4", "--port", "0", "-m", "memory", "--max-objects", "5") as agent:
+        agent.until("running")
+        assert agent.end() == 0
