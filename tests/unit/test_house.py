@@ -107,6 +107,8 @@ SYSTEM = {
         "persistence.journal", "transports", "watchdog",
     ),
 }  # fmt: skip
+# Names that no variable may have.
+PRONOUNS = {"it", "its", "them", "those", "that"}
 PASSED_OVER = {"build", "dist", "venv", "node_modules", "CVS", "_darcs"}
 
 
@@ -196,6 +198,22 @@ def test_these_modules_of_the_agent_alone_use_the_operating_system() -> None:
                 if not any(within(name, f"uros.agent.{module}") for module in SYSTEM[system]):
                     instead = "Clock" if system == "time" else "what its context gives it"
                     wrong.append(f"{name} imports {system}: let it use {instead}, or see SYSTEM")
+    assert not wrong, "\n".join(wrong)
+
+
+def test_no_variable_is_a_pronoun() -> None:
+    """A reader must see what a variable holds."""
+    wrong = []
+    for path in sorted(ROOT.glob("*/**/*.py")):
+        relative = path.relative_to(ROOT)
+        if relative.parts[0].startswith(".") or relative.parts[0] == "build":
+            continue
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            bound = [node.arg] if isinstance(node, ast.arg) else []
+            if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+                bound = [node.id]
+            if PRONOUNS & set(bound):
+                wrong.append(f"{relative}:{node.lineno}: name {bound[0]!r} by what it holds")
     assert not wrong, "\n".join(wrong)
 
 

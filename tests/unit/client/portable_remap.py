@@ -1,6 +1,7 @@
 """Remapping rules and node options. Also runs on MicroPython.
 
-CASES were computed by a real rclpy (Kilted); tests/interop/test_remap.py compares them again.
+CASES were computed by a real rclpy (Kilted); tests/interop/test_client_names_and_qos.py compares
+them again.
 """
 
 import os

@@ -287,7 +287,7 @@ class Doctor:
         from ...middleware.base import MiddlewareError
         from . import clock, graph, qos
 
-        names = {name for name, its in boards if its == domain}
+        names = {name for name, its_domain in boards if its_domain == domain}
         known = names if self._agents.now else None
         self._say(f"looking at domain {domain}")
         try:
