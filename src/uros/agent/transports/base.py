@@ -1,8 +1,8 @@
 """The contract of a transport at the agent's end.
 
-A transport receives messages and identifies their senders; it reads no more of them than the
-session id. It keeps the sessions of its peers itself, so that finding the session of a message is
-one dictionary look-up. Everything happens in the server's thread; nothing blocks.
+A transport receives messages and identifies their senders. The only part of a message that it reads
+is the session id. It has a dictionary of its peers' sessions, so that it finds the session of a
+message with one look-up. All its methods are called in the server's thread, and none blocks.
 """
 
 from __future__ import annotations
@@ -19,9 +19,11 @@ ERROR, WARNING, INFO = 2, 3, 4
 # The default port of agents, for UDP and TCP.
 DEFAULT_PORT = 8888
 
-# A ready socket is drained up to so many messages, then the next: a flood must not starve others.
+# The most messages that are read from a ready socket before the next socket is read, so that a
+# flood from one does not starve the others.
 MAX_BURST = 64
-# Attack: the largest messages, full of small requests. Bytes of one burst.
+# The most bytes of such a burst, because a flood of long messages with many small requests takes
+# longer to handle.
 MAX_BURST_BYTES = 64 * 1024
 
 
@@ -54,22 +56,26 @@ class Host(Protocol):
     def unmatched(
         self, transport: ServerTransport, peer: Any, buf: bytearray, view: memoryview, length: int
     ) -> None:
-        """A message that names no session of this peer."""
+        """Handle a message of no session of this peer, such as a CREATE_CLIENT or a ping."""
 
     def received(
         self, transport: ServerTransport, session: Any, buf: bytearray, view: memoryview,
         length: int, now: int,
     ) -> None:  # fmt: skip
-        """A message of a session, where messages are logged or may fail."""
+        """Handle a message of a known session: call its ``receive`` and log unexpected errors."""
 
     def gone(self, transport: ServerTransport, peer: Any) -> None:
-        """Note that the connection of a peer was closed for good."""
+        """Delete the clients of a peer whose connection was closed, which ends their sessions."""
 
     def lost(self, transport: ServerTransport) -> None:
-        """Note that the transport lost a line, and with it some peers; see is_away()."""
+        """Note that the transport lost a line that may come back.
+
+        The clients for which :meth:`ServerTransport.is_away` is true are deleted unless they send
+        a message within some seconds.
+        """
 
     def has_client(self, transport: ServerTransport, peer: Any) -> bool:
-        """Return whether a client has this address; called seldom, as it searches all clients."""
+        """Return whether a client has this address; slow, because it searches all clients."""
 
     def watch(self, fileno: int, ready: Callable[[], None], writing: bool = False) -> None:
         """Call ``ready`` whenever the descriptor is readable; with ``writing`` also writable."""
@@ -81,7 +87,7 @@ class Host(Protocol):
         """Write a line to the log."""
 
     def wake_at(self, seconds: float, call: Callable[[], None]) -> None:
-        """Call ``call`` once, so many seconds from now."""
+        """Call ``call`` once, ``seconds`` from now."""
 
 
 class ServerTransport(ABC):
@@ -89,13 +95,16 @@ class ServerTransport(ABC):
 
     Attributes:
         name: Its name in the log, such as ``UDPv4Agent``.
-        kind: Its name in the arrows of logged messages, such as ``UDP``.
+        kind: Its short name in the log lines of messages, such as ``UDP`` in
+            ``[==>> UDP <<==]`` (received) and ``[** <<UDP>> **]`` (sent).
         mtu: The longest message that it carries, in bytes.
-        lasting: Whether a peer keeps its address over a restart of the agent, and its session.
-        sessions: The sessions with ids from 0x80 on, by peer.
-        admits: Whether an IP address is admitted; None for all. Set before :meth:`open`.
-        messages: Messages received, those of unknown clients too.
-        bytes: Their bytes.
+        lasting: Whether a peer keeps its address when the agent restarts, so that its session can
+            be restored.
+        sessions: The sessions with ids from 0x80 on, by peer. Messages with lower session ids
+            contain the client key, by which the agent finds their session.
+        admits: Returns whether an IP address is admitted; None admits all. Set before :meth:`open`.
+        messages: The number of messages received, including those of unknown clients.
+        bytes: The sum of their lengths.
     """
 
     name = ""
@@ -114,7 +123,7 @@ class ServerTransport(ABC):
         return ""
 
     def counters(self) -> dict[str, int]:
-        """Return its counters; further ones than messages and bytes differ by transport."""
+        """Return its counters: messages, bytes, and others that differ by transport."""
         return {"messages": self.messages, "bytes": self.bytes}
 
     @abstractmethod
@@ -123,25 +132,25 @@ class ServerTransport(ABC):
 
     @abstractmethod
     def send(self, peer: Any, datagram: bytes) -> None:
-        """Send one message; it is lost where it cannot be sent, as on a network."""
+        """Send one message; a message that cannot be sent is lost, as on a network."""
 
     @abstractmethod
     def address(self, peer: Any) -> str:
         """Return the peer as text."""
 
     def host_of(self, peer: Any) -> str | None:
-        """Return the peer's numeric IP address; None where the transport does not use IP."""
+        """Return the peer's numeric IP address; None if the transport does not use IP."""
         return None
 
     def is_away(self, peer: Any) -> bool:
-        """Return whether the line of the peer is gone, as far as that can be known."""
+        """Return whether the peer's line is known to be lost, as after unplugging a device.
+
+        It may come back; a closed connection (:meth:`Host.gone`) cannot.
+        """
         return False
 
     def certificate_of(self, peer: Any) -> str | None:
-        """Return the SHA-256 of the certificate that the peer showed, in hex.
-
-        None where it showed none; only clients of TLS do.
-        """
+        """Return the SHA-256 of the peer's TLS certificate in hex; None if it has none."""
         return None
 
     @abstractmethod
@@ -155,6 +164,8 @@ class ServerTransport(ABC):
         self.messages += 1
         self.bytes += length
         session = self.sessions.get(peer)
+        # 8 bytes: the headers of the message and of its first submessage. From session id 0x80 on
+        # a message has no client key.
         if session is not None and length > 7 and buf[0] == session.session_id and buf[0] & 0x80:
             host.received(self, session, buf, view, length, now)
         else:
