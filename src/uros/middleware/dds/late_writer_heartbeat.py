@@ -1,17 +1,21 @@
-"""Makes a Fast DDS writer send a heartbeat when Cyclone has discovered it too late for its first.
+"""Makes Fast DDS writers send another heartbeat if Cyclone has missed the first.
 
-A Fast DDS writer says which of its samples are available (a heartbeat) when it matches a reader,
-and then every three seconds. A program that starts often matches our readers before Cyclone has
-discovered its writers, and Cyclone drops what an unknown writer sends. Where the program has
-published already, Cyclone cannot tell whether it may deliver the samples that follow, and keeps
-them back for up to three seconds. Cyclone's own request (a preemptive ACKNACK) does not help: Fast
-DDS takes it for an acknowledgement and postpones its heartbeat.
+A Fast DDS writer sends a heartbeat, which says which of its samples are available, when it matches
+a reader, and then every three seconds. When a program starts, it often matches our readers before
+Cyclone has discovered its writers, and Cyclone drops what an unknown writer sends. If the program
+has published by then, Cyclone cannot tell whether it may deliver the samples that follow, and holds
+them back until the next heartbeat, for up to three seconds. Cyclone's own request for a heartbeat
+(a preemptive ACKNACK) does not help: Fast DDS takes it for an acknowledgement and postpones its
+heartbeat.
 
 A new reader is matched at once, and the heartbeat for it counts for all readers of the writer. So
-whenever a Fast DDS writer is discovered that matches one of our readers, a *probe reader* with the
-same QoS is created for a moment. It belongs to no node, and nothing is taken from it. Readers that
-are not reliable wait for no heartbeat, and a reader of ours that is created after the writer causes
-one itself. Readers of services take nothing from Fast DDS (:mod:`.service_peers`).
+whenever a Fast DDS writer is discovered that matches one of our readers, a *probe reader* that
+matches it too is created, and deleted after 0.3 s. It belongs to no node, and no samples are taken
+from it.
+
+Three kinds of readers need no probe reader. Best-effort readers do not wait for a heartbeat. A
+reader of ours that is created after the writer is discovered causes a heartbeat itself. Readers of
+services take no samples of Fast DDS writers (:mod:`.service_peers`).
 """
 
 from __future__ import annotations
@@ -31,31 +35,43 @@ from .context import DdsContext, TopicReader
 from .dispatcher import ReaderListener
 from .participant import SharedParticipant
 
+# How many discovered writers are taken from Cyclone at a time.
 _BATCH: Final = 256
-# Attack: writers that come and go without end. Batches in one turn; the rest has to wait.
+# How many batches are taken at a time, so that writers that are created and deleted without end do
+# not hold up the data plane. The rest is taken when the data plane dispatches again.
 _BATCHES: Final = 4
-# A program creates its writers within a few milliseconds: one probe reader a topic for all. Cyclone
-# announces a writer just before it matches it with readers, so a writer without a match is checked
-# once more. Seconds.
+# Seconds from the discovery of a writer to its check. A program creates its writers within a few
+# milliseconds, so one probe reader serves all of its writers of a topic.
 _SETTLE: Final = 0.02
+# Seconds until a writer without a match is checked once more: Cyclone announces a writer just
+# before it matches the writer with readers.
 _SECOND_CHECK: Final = 0.3
-# Seconds for which a probe reader exists: some slow round trips of a network. No longer, as a
-# publisher of rclpy counts it as a subscription.
+# Seconds for which a probe reader exists. This is enough for some round trips of a slow network. A
+# publisher of rclpy counts the probe reader as a subscription, so it must not exist longer.
 _LIFE: Final = 0.3
-# Attack: writers that come and go without end, on one topic (it has one probe reader at a time, so
-# three a second) or on all that we read.
+# The most probe readers at a time, because writers may be created and deleted without end on all
+# topics that we read. One topic has one probe reader at a time for each type and QoS, so three a
+# second.
 MAX_READERS: Final = 64
+# The most writers that wait for their check; others are not probed.
 MAX_WRITERS: Final = 1024
-# What one tick does, so that the data plane has its turn: deleting a reader takes Cyclone a
-# millisecond, asking one for its writers some microseconds.
+# The most probe readers that one tick deletes. Cyclone takes a millisecond for each, and the data
+# plane must go on meanwhile.
 _DELETED: Final = 1
+# The most writers that one tick checks.
 _CHECKED: Final = 16
+# The most readers that one check asks for their matched writers; each takes some microseconds.
 _ASKED: Final = 64
 
 
 @dataclass
 class _LateWriter:
-    """A writer that was just discovered; ``due`` is when to check it."""
+    """A writer that was just discovered.
+
+    Attributes:
+        due: When to check it (``time.monotonic``).
+        checked: Whether a check has found no reader of ours that matches it.
+    """
 
     topic: str
     discovered_at: float
@@ -76,7 +92,7 @@ class _ProbeReader:
 
     @property
     def until(self) -> float:
-        """When it is to be deleted."""
+        """When to delete it (``time.monotonic``)."""
         return self.created_at + _LIFE
 
     def delete(self) -> None:
@@ -102,12 +118,12 @@ class LateWriterHeartbeats:
         self._probes: dict[tuple[str, str, QoSProfile], _ProbeReader] = {}
         self._entity = builtin.create_reader(participant.entity, builtin.TOPIC_PUBLICATION)
         while self._take():
-            pass  # our readers, created later, cause a heartbeat of these themselves
+            pass  # these need no probe reader: our readers are created after them
         self._listener = ReaderListener(context.dispatcher, self._entity, self._on_ready)
         context.schedule.add(self)
 
     def _take(self) -> list[tuple[bytes, str | None, int]]:
-        """(GUID, topic or None where it left, instance handle) of some writers."""
+        """Take (GUID, topic or None if it left, instance handle) of up to _BATCH writers."""
         writers = _clayer.ddspy_take_endpoint(
             self._entity,
             _BATCH,
@@ -141,14 +157,15 @@ class LateWriterHeartbeats:
         self._plan()
 
     def _readers(self, topic: str) -> list[TopicReader]:
-        """Our readers of a topic."""
+        """Return our readers of a topic."""
         key = self._domain, topic
+        # This only reads the table: a list that acquire() creates is removed by release().
         readers = self._context.readers.acquire(key)
         self._context.readers.release(key)
         return readers
 
     def tick(self, now: float) -> None:
-        """Create the probe readers that are due, and delete those whose time is over."""
+        """Create the probe readers that are due, and delete those that have expired."""
         expired = [key for key, probe in self._probes.items() if probe.until <= now]
         for key in expired[:_DELETED]:
             self._probes.pop(key).delete()
@@ -177,7 +194,7 @@ class LateWriterHeartbeats:
         existing = self._probes.get(key)
         if existing is not None:
             if existing.created_at > writer.discovered_at:
-                return True  # it has matched that one
+                return True  # that probe reader is new to the writer, so it causes the heartbeat
             writer.due = existing.until
             return False
         if len(self._probes) >= MAX_READERS:
@@ -186,15 +203,15 @@ class LateWriterHeartbeats:
         try:
             entity = reader.participant.create_reader(*key, PROBE_READER)
         except MiddlewareError:
-            return True  # the samples come with the next heartbeat
+            return True  # the samples are delivered after the writer's next heartbeat
         self._probes[key] = _ProbeReader(entity, reader.participant, *key, now)
         return True
 
     def _matching_reader(self, handle: int, topic: str) -> TopicReader | None:
-        """A reliable reader of ours that is matched with the writer.
+        """Return a reliable reader of ours that matches the writer, or None.
 
-        A transient-local one where there is one. The heartbeat for a volatile reader begins after
-        the samples that were written before, and all readers would take these for unavailable.
+        A transient-local reader is preferred. The heartbeat for a volatile reader begins after the
+        samples that were written before, and all readers would take these for unavailable.
         """
         reliable = [reader for reader in self._readers(topic) if reader.needs_heartbeat]
         reliable.sort(key=lambda reader: not reader.qos.transient_local)
@@ -205,7 +222,7 @@ class LateWriterHeartbeats:
 
 
 def _probe_qos(qos: QoSProfile) -> QoSProfile:
-    """A profile that matches the same writers, and keeps next to nothing."""
+    """Return a profile that matches the same writers, and keeps one sample."""
     return QoSProfile(
         depth=1,
         durability=qos.durability,
