@@ -92,7 +92,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             name, parents=[common], help=transport.help, description=f"serve {transport.help}"
         )
         transport.add_options(subparser)
-        # Not REMAINDER: behind another positional argument it would take the options too.
+        # Not REMAINDER, which would also take the options that follow the positional argument of
+        # ``custom``.
         more = subparser.add_argument(
             "more", nargs=argparse.PARSER, default=[], metavar="TRANSPORT",
             help="another transport with its options",
@@ -144,7 +145,7 @@ def _parts(args: argparse.Namespace) -> list[argparse.Namespace]:
 
 
 def _common(parts: list[argparse.Namespace]) -> argparse.Namespace:
-    """Merge the agent's options of all parts: lists are joined, else the last value counts."""
+    """Merge the agent's options of all parts: join lists, else keep the last value."""
     options = argparse.Namespace(**_DEFAULTS)
     for part in parts:
         for name, default in _DEFAULTS.items():
@@ -179,7 +180,7 @@ def _serve(options: argparse.Namespace, parts: list[argparse.Namespace]) -> int:
         admitted, options.dead_time, limits.make_limits(options),
     )  # fmt: skip
     server = Server(agent, transports)
-    _stop_on_signals(server)  # before the first log line, after which a parent may end us
+    _stop_on_signals(server)  # before the first log line: a parent may wait for it to signal us
     watchdog = Watchdog(server, log)
     log(INFO, "Root", "set_verbose_level", "logger setup", f"verbose_level: {options.verbose}")
     if options.p2p is not None:
@@ -208,17 +209,18 @@ def _serve(options: argparse.Namespace, parts: list[argparse.Namespace]) -> int:
 
 
 def _domain_of_agent() -> int:
-    """Return the domain of boards that leave it to the agent (they ask for 255)."""
+    """Return the domain of boards that ask for 255, which means the agent's domain."""
     text = os.environ.get("XRCE_DOMAIN_ID_OVERRIDE") or "0"
     try:
         return domain(text)
-    except (argparse.ArgumentTypeError, ValueError) as error:  # of 5000 digits
+    # int() raises ValueError for a text of more than 4300 digits.
+    except (argparse.ArgumentTypeError, ValueError) as error:
         raise ToolError(f"XRCE_DOMAIN_ID_OVERRIDE: {error}") from error
 
 
 def _stop_at_eof(server: Server) -> None:
     """Stop when the parent process ends, which closes our standard input."""
-    while os.read(0, 4096):  # not by sys.stdin, whose lock a daemon thread would keep at exit
+    while os.read(0, 4096):  # not sys.stdin, whose lock this daemon thread would hold at exit
         pass
     server.stop()
 
@@ -226,8 +228,8 @@ def _stop_at_eof(server: Server) -> None:
 def _stop_on_signals(server: Server) -> None:
     """Stop at SIGINT, SIGTERM, and SIGHUP unless nohup ignores it.
 
-    SIGHUP does not reload anything: rules files and certificates are read again when they change,
-    and whatever reads standard output rotates the log.
+    SIGHUP reloads nothing, because rules files and certificates are read again when they change. It
+    does not rotate the log: the program that reads standard output does that.
     """
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: server.stop())
