@@ -1,4 +1,4 @@
-"""The transports of ``uros agent``: their options, and how each is made of them."""
+"""The transports of ``uros agent``: declares their options and creates them."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def _add_canfd(parser: argparse.ArgumentParser) -> None:
         "--interface", default="socketcan", metavar="KIND",
         help="kind of adapter, as python-can names it (default: socketcan)",
     )  # fmt: skip
-    # The C++ agent takes it too and ignores it: boards choose their CAN ids.
+    # Accepted because the C++ agent has it; ignored, as there, because boards choose their CAN ids.
     parser.add_argument("-I", "--id", help=argparse.SUPPRESS)
 
 
@@ -164,7 +164,7 @@ def _serial(args: argparse.Namespace) -> list[ServerTransport]:
 def _multiserial(args: argparse.Namespace) -> list[ServerTransport]:
     from ....agent.transports.multiserial import devices_in, serial_servers
 
-    # The C++ agent takes one word with spaces in it.
+    # The C++ agent expects all devices in one argument, separated by spaces; that works here too.
     devices = " ".join(args.devs).split() if args.file is None else devices_in(args.file)
     return [*serial_servers(devices, args.baudrate, args.dtr, args.rts)]
 
@@ -196,12 +196,12 @@ def _custom(args: argparse.Namespace) -> list[ServerTransport]:
 
 
 class Transport(NamedTuple):
-    """What ``uros agent`` knows of a transport.
+    """A transport that ``uros agent`` offers.
 
     Attributes:
         help: What it is, for the help.
         add_options: Declares its options.
-        make: Makes the transports that a part of the command line asks for.
+        make: Creates it from its parsed options; multiserial creates one for each device.
     """
 
     help: str
@@ -228,7 +228,7 @@ TRANSPORTS: Final = {
 
 
 def make(args: argparse.Namespace) -> list[ServerTransport]:
-    """Make the transports of one part of the command line.
+    """Create the transports that one part of the command line names, with its options.
 
     Raises:
         TransportError: The transport cannot be used.
@@ -237,11 +237,12 @@ def make(args: argparse.Namespace) -> list[ServerTransport]:
 
 
 def make_discovery(port: int, transports: list[ServerTransport]) -> ServerTransport:
-    """Make the transport that answers boards that search for an agent by multicast.
+    """Create the transport that answers boards that search for an agent by multicast.
 
     Args:
         port: UDP port to listen on.
-        transports: The agent's other transports, which come before it in the server's list.
+        transports: The agent's other transports, whose ports it answers with. The server must open
+            them first.
     """
     from ....agent.transports.discovery import DiscoveryServer
 
