@@ -24,7 +24,7 @@ def run(args: argparse.Namespace) -> int:
 
     know_interfaces(args)
     found = load(args.type)
-    if not plain.is_message(found):  # the message that is sent to a service or an action
+    if not plain.is_message(found):  # of a service print the request, of an action the goal
         found = found.Request if hasattr(found, "Request") else found.Goal
     text = dump(plain.plain(found(), plain.Show(truncate=None)))
     print(text if args.no_quotes else f'"{text}"')
