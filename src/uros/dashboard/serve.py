@@ -1,8 +1,9 @@
-"""Serves a few pages on this machine over HTTP, and their periodic requests.
+"""An HTTP server on this machine for a few pages and the requests that they send.
 
-A page's request may stay open until there is new data, for about a second: so the page is live.
-:mod:`uros.http_server` decides which requests are accepted; besides, a request that changes
-something must be JSON, which pages of other origins may not send.
+Pages update by long polling: the handler of a request waits for new data, for up to about a second.
+:mod:`uros.http_server` decides which requests are accepted. Against cross-site request forgery
+(CSRF), a request that changes something must have the content type JSON, because browsers do not
+let pages of other origins send that without permission.
 """
 
 from __future__ import annotations
@@ -20,9 +21,9 @@ from urllib.parse import parse_qs
 
 from ..http_server import MAX_BODY, Handler, HttpServer
 
-# Attack: a flood of requests. The largest number answered at a time; others wait.
+# The most requests that are answered at a time, because each takes a thread; others wait.
 MAX_ANSWERS: Final = 32
-# Attack: a query with many fields.
+# The most fields of a query; a query with more is refused before it is parsed.
 _MAX_FIELDS: Final = 8
 _WRONG_HOST: Final = "open this page by this machine's address, such as http://127.0.0.1\n"
 
@@ -40,7 +41,14 @@ _HEADERS: Final = (
 
 
 class Answer(NamedTuple):
-    """An answer; ``about`` is sent as JSON in a header, for small values beside the body."""
+    """An answer.
+
+    Attributes:
+        status: HTTP status.
+        body: The body.
+        mime: The body's media type.
+        about: Small values in addition to the body, sent as JSON in the header ``X-About``.
+    """
 
     status: int
     body: bytes
@@ -53,7 +61,7 @@ def as_json(value: Any, status: int = 200) -> Answer:
     return Answer(status, json.dumps(value).encode(), "application/json")
 
 
-# Get handlers take the query by name, post handlers the JSON body.
+# Handlers of GET requests get the fields of the query, those of POST requests the decoded JSON.
 Get = Callable[[dict[str, str]], Answer]
 Post = Callable[[Any], Answer]
 
@@ -157,13 +165,13 @@ class _Handler(Handler):
         text = answer.mime.startswith("text/")
         headers: tuple[tuple[str, str], ...] = _HEADERS
         if answer.about is not None:
-            headers += (("X-About", json.dumps(answer.about)),)  # ASCII
+            headers += (("X-About", json.dumps(answer.about)),)  # ASCII, as headers must be
         kind = f"{answer.mime}{'; charset=utf-8' if text else ''}"
         self.reply(answer.status, answer.body, kind, headers)
 
 
 class Newest:
-    """A version counter to wait for; thread-safe."""
+    """A version number for whose next change threads can wait; thread-safe."""
 
     def __init__(self) -> None:
         self._changed = threading.Condition()
@@ -181,20 +189,20 @@ class Newest:
         self._changed.notify_all()
 
     def wait(self, version: int, seconds: float) -> None:
-        """Wait ``seconds`` at most for a version other than ``version``; call within ``with``."""
+        """Wait up to ``seconds`` until the version is not ``version``; call within ``with``."""
         end = time.monotonic() + seconds
         while self.version == version and (left := end - time.monotonic()) > 0:
             self._changed.wait(left)
 
 
 def number(query: dict[str, str], name: str) -> int:
-    """Return a whole number of a query, or -1."""
+    """Return a field of a query as a whole number; -1 if it is missing or is no such number."""
     text = query.get(name, "")
     return int(text) if text.isdecimal() and len(text) < 16 else -1
 
 
 def show(url: str) -> bool:
-    """Open a graphical browser at a URL, if there is one; return whether it probably opened."""
+    """Open a graphical browser at a URL; return whether there is one and it probably opened."""
     windows = sys.platform in ("darwin", "win32") or any(
         os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER")
     )
