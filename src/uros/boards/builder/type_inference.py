@@ -22,16 +22,29 @@ from .scopes import FUNCTIONS
 Value = tuple[Any, ...] | None
 """The inferred value of an expression: ("message", type name); None if it is unknown.
 
-The other kinds: "class" (of messages), "package" (of interface types), "own" and "own class" (an
-instance and a class of the program), "function", "sequence", "client" (of a service), "future",
-"goal" (a goal handle), "nothing" (the value None).
+The first element of the tuple is the kind of the value, the second its detail:
+
+==============  ====================================================================================
+``message``     An instance of a message type; the name of the type.
+``class``       The class of a message, service or action type; the name of the type.
+``package``     A package of interface types; its dotted name.
+``own``         An instance of a class that the program defines; the node of the class.
+``own class``   A class that the program defines; its node.
+``function``    A function that the program defines; its node.
+``sequence``    A sequence; the value that all its items have.
+``client``      The client of a service; the name of the service type.
+``future``      The future of a service call; the name of the response type.
+``goal``        A goal handle of an action server; the name of the action type.
+``nothing``     The program's value None; no detail.
+==============  ====================================================================================
 """
 Binding = Callable[[], Value]
 Function = ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda
 
 _NOTHING: Final = ("nothing",)
-# Calls that register a callback: position and name of the argument that is the type, those of the
-# callback, and the kinds of the callback's arguments.
+# Functions that register a callback. For each: position and name of its argument that is the
+# interface type, position and name of its argument that is the callback, and what the callback's
+# parameters are.
 _REGISTER: Final = {
     "create_subscription": (0, "msg_type", 2, "callback", ("message",)),
     "create_service": (0, "srv_type", 2, "callback", ("request", "response")),
@@ -49,9 +62,10 @@ class _Scope:
         self.parent = parent
         self.top: _Scope = parent.top if parent else self
         self.names: defaultdict[str, list[Binding]] = defaultdict(list)
-        self.outer: dict[str, bool] = {}  # declared global (True) or nonlocal
+        self.outer: dict[str, bool] = {}  # names declared global (True) or nonlocal (False)
         self.returns: list[ast.expr] = []
-        # Neither a coroutine nor a generator.
+        # Whether it is neither a coroutine nor a generator: a call then has the value that the
+        # function returns.
         self.is_plain = not isinstance(node, ast.AsyncFunctionDef)
 
     def binding_scope(self, name: str) -> _Scope | None:
@@ -72,7 +86,8 @@ class _Scope:
 class Program:
     """The modules of a program with their scopes, for the inference of types.
 
-    Attributes ``stores``, ``references`` and ``classes`` are by name, over all modules.
+    ``classes``, ``stores`` and ``references`` cover all modules. They map a name to the classes of
+    that name, to the assignments to attributes of that name, and to the uses of that name.
     """
 
     def __init__(self, modules: list[Module]) -> None:
@@ -104,13 +119,17 @@ class Program:
             return self._values[key]
         if key in self._in_progress:
             self._cycles += 1
-            return _NOTHING  # the value depends on itself: its other bindings decide
+            # The value depends on itself. _NOTHING has no effect in _join, so the value's other
+            # bindings decide.
+            return _NOTHING
         before = self._cycles
         self._in_progress.add(key)
         try:
             value = find()
         finally:
             self._in_progress.discard(key)
+        # A value that was inferred within a cycle is provisional, because some of its bindings were
+        # ignored. It is not kept, unless the inference began with it.
         if self._cycles == before or not self._in_progress:
             self._values[key] = value
         return value
@@ -181,7 +200,10 @@ class Program:
         return _join(values) if values else None
 
     def family(self, owner: ast.ClassDef) -> list[ast.ClassDef]:
-        """Return a class and all classes that may be its bases or subclasses, by their names."""
+        """Return a class, its bases and subclasses, and theirs in turn.
+
+        Classes are compared by name, so the list may contain unrelated ones with the same name.
+        """
         family = [owner]
         for member in family:
             bases = {last(base) for base in member.bases}
@@ -206,6 +228,7 @@ class Program:
             return None
         method_name, args = node.func.attr, node.args
         if method_name == "create_client":
+            # Constant(0), whose value is unknown, replaces an argument that the call lacks.
             service_type = self.infer(argument(node, 0, "srv_type") or ast.Constant(0))
             is_class = service_type is not None and service_type[0] == "class"
             return ("client", service_type[1]) if service_type and is_class else None
@@ -266,7 +289,15 @@ class Program:
         return parent if isinstance(parent, ast.ClassDef) else None
 
     def _argument_value(self, reference: ast.AST, at: int, arg: ast.arg, skip: int) -> Value:
-        """Return the argument for a parameter: ``reference`` calls or registers the function."""
+        """Return the value that one use of a function gives to its parameter ``arg``.
+
+        Args:
+            reference: The use: the name of the function, or a lambda itself. The value is known
+                only if this is called, or passed to a call that registers callbacks.
+            at: Position of the parameter.
+            arg: The parameter.
+            skip: Number of first parameters that a call does not list: 1 for ``self``, else 0.
+        """
         parent = self.parents.get(reference)
         call = parent
         name = ""
@@ -283,7 +314,11 @@ class Program:
         return self._callback_argument(call, position, name, at - skip)
 
     def _callback_argument(self, call: ast.Call, position: int, name: str, at: int) -> Value:
-        """Return argument ``at`` of a callback: argument ``position`` or ``name`` of a call."""
+        """Return the value of parameter number ``at`` of a callback that is passed to ``call``.
+
+        The callback is the call's positional argument ``position``, or its keyword argument
+        ``name``.
+        """
         function_name = last(call.func)
         if function_name == "add_done_callback" and isinstance(call.func, ast.Attribute):
             future = self.infer(call.func.value)
@@ -293,6 +328,7 @@ class Program:
         type_at, type_name, callback_at, callback_name, kinds = _REGISTER[function_name]
         if (position != callback_at and name != callback_name) or at >= len(kinds):
             return None
+        # Constant(0), whose value is unknown, replaces an argument that the call lacks.
         type_ = self.infer(argument(call, type_at, type_name) or ast.Constant(0))
         if not type_ or type_[0] != "class":
             return None
@@ -372,6 +408,7 @@ class _Collector(ast.NodeVisitor):
         for at, arg in enumerate((*args.posonlyargs, *args.args)):
             scope.names[arg.arg].append(_parameter(program, node, at, arg))
         for at, arg in enumerate(args.kwonlyargs):
+            # A keyword-only parameter has no position; 1000 is beyond the arguments of any call.
             scope.names[arg.arg].append(_parameter(program, node, 1000 + at, arg))
         for rest in filter(None, (args.vararg, args.kwarg)):
             scope.names[rest.arg].append(_unknown)
@@ -390,7 +427,7 @@ class _Collector(ast.NodeVisitor):
         before, self.scope = self.scope, scope
         for generator in node.generators:
             for name in _names(generator.target):
-                scope.names[name]  # declares it local
+                scope.names[name]  # the defaultdict adds the name, so that bind() finds it here
             self._target(generator.target, _element_of(self.program, generator.iter))
         self.scope = before
         self._visit_in(scope, list(ast.iter_child_nodes(node)))
@@ -477,7 +514,9 @@ class _Collector(ast.NodeVisitor):
         module = absolute(node, self.module)
         for alias in node.names:
             self.bind(alias.asname or alias.name, _imported(self.program, module, alias.name))
-            if alias.asname:  # uses under another name are not tracked
+            if alias.asname:
+                # Calls by the alias are not found. The import counts as a use that is no call, so
+                # that the parameters of the function are unknown.
                 self.program.references[alias.name].append(alias)
 
     # References
@@ -560,7 +599,11 @@ def _field(name: str, attribute: str) -> Value:
 
 
 def _join(values: list[Value]) -> Value:
-    """Return the value that all alternatives share, except None itself; None if they differ."""
+    """Return the value that all alternatives have; None if they differ or one is unknown.
+
+    Alternatives that are the program's value None (``_NOTHING``) are ignored. If there are no
+    others, the result is ``_NOTHING``.
+    """
     certain = set(values) - {_NOTHING}
     if len(certain) == 1:
         return certain.pop()
@@ -573,7 +616,7 @@ def _element(value: Value) -> Value:
 
 
 def _plain(annotation: ast.expr) -> ast.expr:
-    """Return an annotation without quotes, ``Optional`` and ``| None``."""
+    """Return ``X`` for an annotation ``"X"``, ``Optional[X]`` or ``X | None``."""
     if isinstance(annotation, ast.Constant) and isinstance(annotation.value, str):
         try:
             annotation = ast.parse(annotation.value, mode="eval").body
