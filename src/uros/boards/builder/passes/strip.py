@@ -1,7 +1,8 @@
 """Translates modules of uros for MicroPython.
 
-Removes annotations, docstrings and imports for type checkers. Every build does this before the
-passes that `uros.boards.builder.pipeline` lists: without it uros's modules do not run on a board.
+Removes annotations, docstrings and imports of modules that MicroPython lacks, and replaces
+f-strings by calls of ``format``. Every build does this before the passes that
+`uros.boards.builder.pipeline` lists, because uros's modules do not run on a board without it.
 """
 
 from __future__ import annotations
@@ -13,12 +14,13 @@ from ..modules import ABSENT, Module, catches_import_error
 from ..scopes import FUNCTIONS, bound, parameters
 
 _ALWAYS_PRESENT: Final = {"from sys import print_exception"}
-"""Imports that never fail on a board, since every firmware has the name; CPython lacks it."""
+"""Imports that succeed on every board, so that their ``try`` is removed; CPython lacks the name."""
 _RECEIVER: Final = "uros_receiver"
+"""Attribute of ast.Attribute nodes in which `_mark_receivers` stores the class of the receiver."""
 
 
 def strip(module: Module) -> None:
-    """Remove annotations, docstrings and imports for type checkers; record the Final names."""
+    """Translate a module for MicroPython; store the names that it declares Final in ``finals``."""
     for node in module.tree.body:
         if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
             annotation = ast.unparse(node.annotation).strip("'\"").replace("typing.", "")
@@ -132,7 +134,12 @@ class _Strip(ast.NodeTransformer):
 
 
 def _mark_receivers(node: ast.FunctionDef | ast.AsyncFunctionDef, owner: str) -> None:
-    """Mark attributes of ``self`` and of annotated parameters with the class of the receiver."""
+    """Store at each attribute the class of its receiver, for `receiver`.
+
+    The receiver is the object before the dot. Its class is known if it is ``self`` of a method
+    without decorators, or an annotated parameter, and if neither the function nor a function in it
+    binds that name again.
+    """
     arguments = [*node.args.posonlyargs, *node.args.args]
     types = {
         arg.arg: ast.unparse(arg.annotation).strip("'\"") for arg in arguments if arg.annotation
@@ -155,7 +162,7 @@ def _mark_receivers(node: ast.FunctionDef | ast.AsyncFunctionDef, owner: str) ->
 
 
 def receiver(node: ast.Attribute) -> str:
-    """Return the class of an attribute's receiver, by the source's annotations; "" if unknown."""
+    """Return the class of an attribute's receiver, the object before the dot; "" if unknown."""
     return str(getattr(node, _RECEIVER, ""))
 
 
@@ -164,6 +171,6 @@ def _is_absent(node: ast.stmt) -> bool:
         return any(alias.name in ABSENT for alias in node.names)
     if not isinstance(node, ast.ImportFrom) or node.level or node.module is None:
         return False
-    # The package of types is std_msgs.msg on a board, uros.interfaces.std_msgs.msg on a host.
+    # Boards import types from std_msgs.msg; uros.interfaces.std_msgs.msg exists on hosts only.
     of_host = node.module.startswith("uros.interfaces.") and node.module.count(".") > 2
     return of_host or node.module in ABSENT
