@@ -1,7 +1,7 @@
 """TI DRV8835 in IN/IN mode: one of its two H-bridges, on two PWM outputs.
 
-It alternates between driving and braking (slow decay): the speed then follows the duty even where
-that is small, which it does not where a motor coasts in between.
+The bridge alternates between driving and braking (slow decay), so the speed follows the duty cycle
+even when it is low. If it coasted instead of braking, the speed would not follow a low duty cycle.
 """
 
 try:
@@ -19,7 +19,10 @@ class DRV8835:
         self.coast()
 
     def drive(self, duty: float) -> None:
-        """Set the duty: -255 is full speed backward, 255 forward, 0 brakes."""
+        """Set the duty cycle, from -255 (full speed backward) to 255 (forward); 0 brakes.
+
+        Values beyond this range are limited to it.
+        """
         off = 65535 - int(min(abs(duty), 255) * 257)
         if duty >= 0:
             self._first.duty_u16(65535)
