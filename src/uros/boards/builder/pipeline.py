@@ -1,15 +1,15 @@
 """The passes of a build over uros's modules, in their order.
 
 Each pass makes the files smaller and keeps the behavior of the program. `PASSES` declares each one
-with its purpose and its condition: where it applies, and what it leaves alone since the result is
-not provably the same. ``uros board build --without PASS`` leaves one out: if a
+with its purpose and its condition: to what it applies, and what it leaves unchanged because the
+behavior would not be provably the same. ``uros board build --without PASS`` leaves one out: if a
 program behaves differently on the board, this shows which pass is at fault.
 
 No pass changes a module of the program, except `link_imports`; see its docstring. Before the passes
 each module of uros is translated for MicroPython (`uros.boards.builder.passes.strip`), without
 which it does not run on a board.
 
-To add a pass, write a module of its name in ``passes`` and add it to `PASSES` in its place.
+To add a pass, write a module of its name in ``passes`` and add it to `PASSES` in the right order.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Program:
     roots: set[str]
     """Further modules and names to keep; see `tree_shake`."""
     checked: bool = False
-    """The build is for a virtual board: errors about messages keep their texts."""
+    """Whether the build is for a virtual board: errors about messages then keep their texts."""
 
 
 @dataclass(frozen=True)
@@ -51,15 +51,15 @@ class Pass:
     """One pass of a build."""
 
     name: str
-    """For ``--without``; its module in ``passes`` has the same name with underscores."""
+    """Argument of ``--without``; its module in ``passes`` has this name with underscores."""
     purpose: str
     """What it does, in one line."""
     condition: str
-    """Where it applies, and what it leaves alone or refuses."""
+    """To what it applies, and what it leaves unchanged or refuses."""
     run: Callable[[Program], None]
     """Changes a program; may raise NotBundled."""
     bytecode: bool = False
-    """It is for ``--mpy`` alone: as text its result would cost a board more than it saves."""
+    """Whether it is for ``--mpy`` alone, because its result as text would take more memory."""
 
 
 def _terse_errors(program: Program) -> None:
@@ -111,23 +111,25 @@ PASSES: Final = (
     Pass(
         "terse-errors",
         "shortens errors, and omits comparing and printing messages",
-        "modules of uros; a build for a virtual board keeps those of uros.interfaces whole; classes"
-        " of errors that the program names stay classes of their own",
+        "modules of uros, without those of uros.interfaces in a build for a virtual board;"
+        " DecodeError, LimitError and EncodeError become WireError, except those that the program"
+        " names",
         _terse_errors,
     ),
     Pass(
         "constants",
         "replaces the names of constants by their values",
-        "names bound once, Final or private, that nothing sets as an attribute and no inner scope"
-        " binds; integers, bools, strings of up to 16 characters",
+        "Final or private names that are bound once and that nothing sets as an attribute; values"
+        " that are integers, bools, or strings of up to 16 characters; not where an inner scope"
+        " binds the same name",
         _constants,
     ),
     Pass(
         "tree-shake",
         "drops what the program does not reach",
-        "reachability is name-based: a method lives if its name appears on any receiver of unknown"
-        " class; a class with a base outside of uros keeps all its methods; a name that is put"
-        " together at run time is not seen",
+        "a method stays if code that stays uses its name on an object of unknown class; a class"
+        " with a base outside of uros keeps all its methods; a name that the program composes at"
+        " run time is not found",
         _tree_shake,
     ),
     Pass(
@@ -140,7 +142,7 @@ PASSES: Final = (
     Pass(
         "link-imports",
         "lets the program's modules import from the bundle itself",
-        "'from module import name' alone; not in main.py and boot.py, which stay text",
+        "only 'from module import name'; not in main.py and boot.py, which stay text",
         _link_imports,
         bytecode=True,
     ),
@@ -163,17 +165,17 @@ PASSES: Final = (
     Pass(
         "mangle",
         "renames internals to shorter names, or to names in MicroPython's ROM",
-        "names that neither the program nor a module beside the bundle has, as a name or in a"
-        " string; no exception, no attribute of a module, of MicroPython's own objects or of a"
-        " class with a base outside of uros",
+        "names that neither the program nor another module outside of the bundle contains, as a"
+        " name or as a string; exceptions, and attributes of modules, of MicroPython's own objects"
+        " and of classes with a base outside of uros, keep their names",
         _on_bundle(mangle),
         bytecode=True,
     ),
     Pass(
         "order-names",
         "gives the names used most the shortest numbers in the bytecode",
-        "every bundle; adds one statement without effect, which costs a very small program more"
-        " than it saves",
+        "every bundle; adds one statement without effect, which costs more than it saves in a very"
+        " small program",
         _on_bundle(_order_names),
         bytecode=True,
     ),
