@@ -48,7 +48,8 @@ from .transports.base import ServerTransport
 
 # What one UDP datagram can hold: the largest MTU of any client.
 MAX_MTU = 65507
-# Attack: a client that creates one topic after the other with a second type.
+# The most type conflicts that are logged, because a client may create one topic after the other
+# with a second type.
 MAX_CONFLICTS = 1000
 
 

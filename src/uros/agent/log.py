@@ -37,19 +37,21 @@ _COLOURS = ("", "\033[1;41m", "\033[1;31m", "\033[1;33m", "\033[32m", "\033[36m"
 
 # Lines of faults in a second, of all kinds together.
 MAX_LINES: Final = 50
-# Lines that may wait for a terminal or pipe that takes none; then they are lost.
+# Lines that may wait for a terminal or pipe that takes none; further lines are lost.
 _MAX_WAITING: Final = 10_000
 _MAX_CHARACTERS: Final = 16 * 1024 * 1024
-# Attack: clients that connect and leave, or create and delete, as fast as they can. The lines of
-# info at once, and in a second; -v 5 has all.
+# The most lines of level info at once, and in a second, because clients may connect and leave, or
+# create and delete objects, as fast as they can. -v 5 logs all lines.
 _INFO_BURST: Final = 5000
 _INFO_RATE: Final = 500
-# Attack: names of 64 kB, one line after the other. Messages as they are (-v 6) stay whole.
+# The longest ``about`` of a line in characters, because names may have 64 kB. The bytes of messages
+# (-v 6) are not cut.
 _MAX_ABOUT: Final = 2000
-# Errors of a file that may pass: disk full, over its quota or size.
+# Errors of a file that may be temporary: the disk is full, or the quota or file size is exceeded.
 _TEMPORARY: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _BLOCKED_SECONDS: Final = 0.1
-# Attack: faults of ever new kinds. The number of kinds whose throttled lines are counted.
+# The most kinds of faults whose throttled lines are counted, because a client may cause ever new
+# kinds.
 _MAX_KINDS: Final = 512
 
 

@@ -1,6 +1,6 @@
 """Reads an XRCE application: an XML document with entities that are created and deleted as one.
 
-The elements are those of DDS-XML's application, or Fast DDS's where they differ::
+The elements are those of DDS-XML's application; where Fast DDS's differ, those are accepted too::
 
     <application name="arm">
       <domain_participant name="arm/left" domain_id="0" object_id="0x0011">
@@ -26,7 +26,8 @@ from xml.etree.ElementTree import Element
 from ...wire import ids
 from .xml_profiles import Profile, ProfileError, read_profile
 
-# Attack: an application with many times the objects that a client may have.
+# The most entities of an application, so that one with many times the objects that a client may
+# have is refused while it is read.
 MAX_ITEMS: Final = 1024
 
 _GROUPS = {"publisher": ids.KIND_PUBLISHER, "subscriber": ids.KIND_SUBSCRIBER}

@@ -28,12 +28,15 @@ from ..policy.memory_budget import MESSAGE_BYTES, MemoryBudget
 from ..policy.reader_backlog import Backlog
 from ..policy.rules import Limiter
 
-# Attack: requests to a service that never answers. Those whose replies are expected.
+# The most requests for whose replies a requester waits: a service may never reply. The oldest is
+# forgotten.
 MAX_PENDING: Final = 256
-# Attack: a datareader with KEEP_ALL or a depth of 2^31 that the client never reads. Fast DDS keeps
-# so many, with the C++ agent; the oldest are dropped, so that no writer waits for a slow client.
+# The most samples that wait in a datareader: one with KEEP_ALL or a depth of 2^31 may never be
+# read. With the C++ agent, Fast DDS keeps so many. The oldest are dropped, so that no writer waits
+# for a slow client.
 MAX_UNREAD: Final = 5000
-# Attack: replies without a request, as fast as they can be sent. Takes of them in a row.
+# The most takes in a row that return only replies without a request: these may arrive as fast as
+# they can be sent.
 _MAX_MISSES: Final = 4
 
 
@@ -82,7 +85,7 @@ class WriterEndpoint:
         self._choose_path()
 
     def _choose_path(self) -> None:
-        """Where there is nothing to check or note, a sample goes straight to the middleware."""
+        """Pass samples straight to the middleware if there is nothing to check or record."""
         plain = (
             self._limiter is None
             and self._recorder is None
@@ -165,7 +168,7 @@ class ReadingEndpoint:
 
     @property
     def unread(self) -> int:
-        """The octets that wait, as far as they are known."""
+        """The octets that wait to be taken, as far as they are known."""
         return self.backlog.octets
 
 

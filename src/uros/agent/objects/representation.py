@@ -12,7 +12,7 @@ from ...wire.cdr import Reader
 from ...wire.errors import DecodeError
 from . import application, xml_profiles
 
-# Attack: a QoS profile whose base is itself.
+# How deep the bases of QoS profiles may be nested: a profile may name itself as its base.
 MAX_BASES: Final = 8
 
 NO_FILTERS: Final = "content filters are not supported: filter on the client"
@@ -31,7 +31,7 @@ class Lookup(Protocol):
 
 @dataclass(frozen=True)
 class ParticipantSpec:
-    """A participant; ``name`` is ``namespace/name`` or a plain name, None where it has none."""
+    """A participant; ``name`` is ``namespace/name`` or a plain name, None if it has none."""
 
     domain: int
     name: str | None
@@ -253,7 +253,7 @@ def _from_binary(kind: int, r: Reader, parent: int, references: Lookup) -> Spec:
 
 
 def _referred_type(topic: str, r: Reader, references: Lookup) -> str:
-    """The type of a binary topic that names it by reference only."""
+    """Return the type of a binary topic that names it by reference only."""
     r.offset = r.start
     r.string()
     reference = r.string() if r.boolean() else ""

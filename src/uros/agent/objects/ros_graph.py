@@ -39,9 +39,10 @@ MESSAGES: Final = 4
 _PER_MESSAGE: Final = 8 + 4
 _ONCE: Final = 4 + 4
 # Characters of a name or type: C clients read them into 256 octets, with a zero at the end, and
-# refuse the whole graph where one is longer.
+# refuse the whole graph if one is longer.
 MAX_TEXT: Final = 255
-# Attack: a client that comes again and again with another MTU. Graphs kept for as many MTUs.
+# The most MTUs for which an encoded graph is cached, because a client may create its session again
+# and again with another MTU.
 _MAX_CACHED: Final = 16
 
 # What every node of rclcpp and rclpy has: left out first.

@@ -29,12 +29,13 @@ from ...qos import (
 )
 from ...wire.entities import MAX_PARTITIONS
 
-# Attack: XML that is huge, deep or full of elements.
+# The most characters of a representation and of a file of references, the depth of nesting and the
+# number of elements. They limit the memory and time that malicious XML can take.
 MAX_XML = 64 * 1024
 MAX_REFERENCES_FILE = 4 * 1024 * 1024
 MAX_DEPTH = 32
 MAX_ELEMENTS = 20_000
-# Attack: a number that does not fit the 32 bits it has in DDS.
+# The largest number: a larger one does not fit the 32 bits that it has in DDS.
 MAX_NUMBER = 0x7FFFFFFF
 
 _TAGS = (
@@ -58,7 +59,7 @@ class ProfileError(ValueError):
 
 @dataclass
 class Profile:
-    """The content of one profile; None and empty where it has no value."""
+    """The content of one profile; fields without a value are None or empty."""
 
     name: str | None = None
     localhost_only: bool = False
@@ -292,7 +293,7 @@ _CONSTRUCTED = ("struct", "union", "enum", "typedef", "bitset", "bitmask", "valu
 
 
 def _types(element: Element, prefix: str = "", within: bool = False) -> Iterator[str]:
-    """Full names of the types defined in an element; modules become ``a::b::``."""
+    """Yield the full names of the types defined in an element; modules become ``a::b::``."""
     within = within or element.tag in ("types", "type")
     for child in element:
         name = child.get("name")
@@ -305,7 +306,7 @@ def _types(element: Element, prefix: str = "", within: bool = False) -> Iterator
 
 
 def qos_profiles(root: Element) -> Iterator[tuple[str, Profile]]:
-    """``(name, profile)`` of each ``<qos_profile>``, in a library by ``library::name`` too."""
+    """Yield ``(name, profile)`` of each ``<qos_profile>``, also as ``library::name`` if in one."""
     libraries = {
         child: library.get("name") for library in root.iter("qos_library") for child in library
     }
@@ -339,7 +340,7 @@ def _applications(root: Element) -> Iterator[tuple[str, Profile]]:
 
 
 def _only_loopback(participant: Element, root: Element | None) -> bool:
-    """Whether every interface the profile allows is loopback (PX4's LocalHostOnly)."""
+    """Return whether every interface the profile allows is loopback (PX4's LocalHostOnly)."""
     transports = [used.text.strip() for used in participant.iter("transport_id") if used.text]
     descriptors = [] if root is None else list(root.iter("transport_descriptor"))
     chosen = [
@@ -452,7 +453,7 @@ def _qos(element: Element, where: tuple[str, ...], out: dict[str, object]) -> No
 
 
 def _octets(text: str) -> bytes:
-    """User data: hex octets with dots between as in Fast DDS, or base64 as in DDS-XML."""
+    """Decode user data: hex octets with dots between as in Fast DDS, or base64 as in DDS-XML."""
     if re.fullmatch(r"[0-9A-Fa-f]{1,2}(\.[0-9A-Fa-f]{1,2})*\.?", text) and (
         "." in text or len(text) <= 2
     ):
@@ -465,7 +466,7 @@ def _octets(text: str) -> bytes:
 
 
 def _milliseconds(period: Element) -> int | None:
-    """None for an infinite period."""
+    """Return a period in milliseconds; None for an infinite one."""
     seconds, nanoseconds = _text(period, "sec") or "0", _text(period, "nanosec") or "0"
     if "INFIN" in seconds or "INFIN" in nanoseconds or (period.text and "INFIN" in period.text):
         return None

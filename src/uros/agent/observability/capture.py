@@ -29,9 +29,10 @@ except ImportError:  # Windows
 # captured.
 MAX_WAITING: Final = 16 * 1024 * 1024
 _OVERHEAD: Final = 300
-# Written at once where so much waits.
+# The messages that wait are written at once when they have so many bytes.
 _CHUNK: Final = 64 * 1024
-# Closing waits so many seconds for a disk that takes nothing, and so many times in all.
+# Closing waits so many seconds at a time, until the disk has taken nothing meanwhile, and at most
+# so many times.
 _STILL: Final = 1.0
 _JOINS: Final = 5
 # Windows would change line ends; elsewhere a terminal would become our controlling terminal.
@@ -57,11 +58,11 @@ class Capture:
 
     A file that reaches its limit is renamed to ``path`` with ``.1`` appended, and a new one is
     begun: the last two are kept. A capture that exists already is renamed in the same way, so that
-    what an agent wrote before it crashed is not lost by starting it again. Where the disk is full,
-    the capture ends with a warning and the agent goes on.
+    what an agent wrote before it crashed is not lost by starting it again. If the disk is full,
+    the capture ends with a warning and the agent continues.
 
     Args:
-        path: The file; pcapng where its name ends with ``.pcapng``, else JSON lines.
+        path: The file; pcapng if its name ends with ``.pcapng``, else JSON lines.
         limit: Its size in bytes at which the next file is begun.
         log: The agent's log.
         message_hooks: The agent's hooks, to which this one is added.
@@ -226,7 +227,7 @@ def _open(path: str) -> tuple[int, bool]:
         piped = os.path.exists(path) and stat.S_ISFIFO(os.stat(path).st_mode)
         if os.path.isfile(path) and os.path.getsize(path):
             _check_free(path)
-            # Not where the file alone is mounted in a container: that one cannot be renamed.
+            # Fails if only the file is mounted in a container: such a file cannot be renamed.
             with contextlib.suppress(OSError):
                 os.replace(path, f"{path}.1")
         file = os.open(path, os.O_RDWR if piped else _NEW, _MODE)
@@ -248,7 +249,7 @@ def _open(path: str) -> tuple[int, bool]:
 
 
 def _lock(file: int) -> None:
-    """Lock the file while it is open; raises BlockingIOError where another agent has it."""
+    """Lock the file while it is open; raises BlockingIOError if another agent has it."""
     try:
         if fcntl is not None:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -259,7 +260,7 @@ def _lock(file: int) -> None:
 
 
 def _check_free(path: str) -> None:
-    """Raise BlockingIOError where another agent captures into the file.
+    """Raise BlockingIOError if another agent captures into the file.
 
     A second agent that is started by mistake must not spoil it before it finds its port in use.
     """

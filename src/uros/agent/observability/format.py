@@ -40,7 +40,8 @@ from ..objects.representation import (
     parse,
 )
 
-# Attack: a message of 16,000 submessages, a name of 64 kB, a list of both.
+# Limits of one line: submessages, characters, characters of a name, elements of a list, and bytes
+# of payload. A message may have 16,000 submessages, names of 64 kB and long lists.
 MAX_SUBMESSAGES: Final = 16
 MAX_LINE: Final = 2000
 _MAX_TEXT: Final = 100
@@ -98,12 +99,12 @@ class ParsedMessage(NamedTuple):
     """A parsed message.
 
     Attributes:
-        session: Session id; None where even the header is too short.
+        session: Session id; None if the header is incomplete.
         stream: Stream id.
-        number: Sequence number; None where the header has none.
-        key: Client key; None where the header has none.
+        number: Sequence number; None if the header has none.
+        key: Client key; None if the header has none.
         parts: The submessages up to the first that cannot be decoded.
-        error: What is wrong from there on, with the bytes; "" where nothing is.
+        error: Why the rest cannot be decoded, with its bytes; "" if everything was decoded.
     """
 
     session: int | None
@@ -159,7 +160,7 @@ def parse_message(message: bytes) -> ParsedMessage:
 
 
 def stream_name(stream: int) -> str:
-    """Return ``reliable`` or ``best effort``, with the id where it is not the usual one."""
+    """Return ``reliable`` or ``best effort``, with the id if it is not the usual one."""
     if stream == ids.STREAM_NONE:
         return "none"
     kind, usual = ("reliable", ids.STREAM_RELIABLE)
@@ -302,7 +303,7 @@ _DURABILITIES: Final = {
 
 
 def _qos(qos: QoSProfile) -> str:
-    """Reliability and history, and other policies where they are not the default."""
+    """Format reliability and history, and the other policies that are not the default."""
     best_effort = qos.reliability == ReliabilityPolicy.BEST_EFFORT
     words = ["best_effort" if best_effort else "reliable", _DURABILITIES.get(qos.durability, "")]
     words.append("keep_all" if qos.history == HistoryPolicy.KEEP_ALL else f"keep_last {qos.depth}")
@@ -491,7 +492,7 @@ def _octets(data: bytes) -> str:
 
 
 def _bytes(r: Reader) -> str:
-    """The remaining bytes: how many, and the first of them."""
+    """Format the remaining bytes: their number, and the first of them."""
     rest = r.octets(r.remaining())
     return _count(len(rest), "byte") + (f": {_octets(rest)}" if rest else "")
 

@@ -17,7 +17,8 @@ from ..objects.kinds import key_label
 from ..transports.base import ServerTransport
 from .message_hooks import MessageEvent
 
-# Attack: messages from one address after the other; the numbers start anew then.
+# The most addresses that have a number, because messages may come from endless forged ones. Then
+# the numbers start from 0 again.
 _MAX_CLIENTS: Final = 65536
 
 

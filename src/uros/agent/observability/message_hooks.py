@@ -30,7 +30,7 @@ class MessageEvent(NamedTuple):
         direction: :data:`CLIENT` or :data:`AGENT`, the sender.
         message: Its bytes.
         now: Microseconds since 1970.
-        key: The client key of its session; 0 where it is unknown.
+        key: The client key of its session; 0 if it is unknown.
     """
 
     transport: ServerTransport

@@ -24,7 +24,7 @@ LINKTYPE_RAW: Final = 101
 MAGIC: Final = b"\x0a\x0d\x0d\x0a"
 # What one IPv4 packet holds besides its headers; of a longer message (TCP only) the rest is cut.
 MAX_PAYLOAD: Final = 65507
-# Attack: messages from one address after the other.
+# The most addresses that are cached, because messages may come from endless forged ones.
 _MAX_ADDRESSES: Final = 4096
 
 _SECTION, _INTERFACE, _PACKET = 0x0A0D0D0A, 1, 6
@@ -123,7 +123,7 @@ class PcapngEncoder:
 
 
 def _udp(source: _Endpoint, destination: _Endpoint, payload: bytes) -> bytes:
-    """An IP packet with its checksums."""
+    """Return an IP packet with its checksums."""
     size = 8 + len(payload)
     addresses = source[0] + destination[0]
     head = struct.pack(">HHH", source[1], destination[1], size)
@@ -137,7 +137,7 @@ def _udp(source: _Endpoint, destination: _Endpoint, payload: bytes) -> bytes:
 
 
 def _checksum(data: bytes | bytearray) -> int:
-    """The Internet checksum (RFC 1071): ones' complement of the ones' complement sum."""
+    """Return the Internet checksum (RFC 1071): ones' complement of the ones' complement sum."""
     # A number modulo 2^16 - 1 is the sum of its 16-bit digits; this way C adds them up.
     total = int.from_bytes(data + b"\0" * (len(data) & 1), "big")
     return 0xFFFF - (total % 0xFFFF or 0xFFFF)

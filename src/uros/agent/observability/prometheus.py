@@ -29,10 +29,11 @@ if TYPE_CHECKING:
 
     from ..server import Server
 
-# Attack: a fleet of boards that change their keys.
+# The most boards with a label of their own. Otherwise boards that change their keys would create
+# endless series.
 MAX_SERIES: Final = 200
 OTHER: Final = "other"
-# Attack: scrapes without end. So many are answered at a time; others wait.
+# The most scrapes that are answered at a time; others wait.
 MAX_SCRAPES: Final = 4
 # Timeout of a snapshot, in seconds: the agent may hang in its middleware.
 PATIENCE: Final = 2.0
@@ -228,7 +229,7 @@ class _Http(HttpServer):
         server.soon(lambda: server.note(ERROR, "Metrics", "run", "internal error", about))
 
     def snapshot(self) -> dict[str, Any] | None:
-        """Request a snapshot, in a thread of HTTP; None where it is not made in time."""
+        """Request a snapshot, in a thread of HTTP; None if it is not made in time."""
         pieces: list[str] = []
         ready = threading.Event()
         waiting = True

@@ -30,7 +30,8 @@ if TYPE_CHECKING:
     from ..server import Server
 
 VERSION: Final = 1
-# Attack: names of 64 kB, and a client with 4096 objects.
+# The most characters of a name and endpoints of a client in a snapshot: a name may have 64 kB, and
+# a client 4096 objects.
 MAX_TEXT: Final = 200
 MAX_ENDPOINTS: Final = 256
 # Rates are over at least so many seconds, and at most twice as many.
@@ -137,7 +138,7 @@ def pieces(server: Server, rates: Rates | None = None) -> Iterator[str]:
 
 
 def snapshot(server: Server) -> dict[str, Any]:
-    """Make a snapshot at once, where boards may wait."""
+    """Make a snapshot at once, for callers that may keep boards waiting."""
     content: dict[str, Any] = json.loads("".join(pieces(server)))
     return content
 
@@ -258,7 +259,7 @@ def _endpoint(obj: XrceObject, endpoint: Endpoint) -> dict[str, Any]:
 
 
 def resident_bytes() -> int | None:
-    """Return the resident memory of this process in bytes; None where it is unknown."""
+    """Return the resident memory of this process in bytes; None if it is unknown."""
     try:
         with open("/proc/self/statm", encoding="ascii") as file:
             return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
@@ -267,7 +268,7 @@ def resident_bytes() -> int | None:
 
 
 def descriptors() -> int | None:
-    """Return the number of open descriptors of this process; None where it is unknown."""
+    """Return the number of open descriptors of this process; None if it is unknown."""
     try:
         return len(os.listdir("/proc/self/fd")) - 1  # one of them is that of listdir
     except OSError:

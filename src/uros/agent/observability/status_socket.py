@@ -10,7 +10,7 @@ line:
 * anything else by ``{"error":...}``.
 
 The server's thread answers between messages of boards, a part of a millisecond at a time, and
-writes no more than a connection takes. Without Unix sockets, or where the folder cannot be used,
+writes no more than a connection takes. Without Unix sockets, or if the folder cannot be used,
 the agent runs without a status socket.
 """
 
@@ -34,13 +34,14 @@ from .snapshot import RATE_SECONDS, SLICE, Rates, pieces
 if TYPE_CHECKING:
     from ..server import Server
 
-# Attack, or a faulty script: connections without end.
+# The most connections, because a faulty or malicious program may open endless ones.
 MAX_CONNECTIONS: Final = 16
-# Attack: a query that never ends. The longest valid one has 16 bytes.
+# The longest query in bytes, because a malicious one may never end. The longest valid one has 16
+# bytes.
 MAX_LINE: Final = 1024
 # Queries of one connection that may wait.
 MAX_WAITING: Final = 64
-# Messages that a connection does not take, and their bytes; further ones are counted as lost.
+# The most messages that wait for a connection, and their bytes; others are counted as lost.
 MAX_EVENTS: Final = 2000
 MAX_EVENT_BYTES: Final = 1024 * 1024
 # A connection that takes nothing of an answer for so many seconds is closed.
@@ -70,7 +71,7 @@ def folders() -> list[Path]:
 
 
 def check_folder(folder: Path) -> None:
-    """Raise OSError where another user could have created files in the folder."""
+    """Raise OSError if another user could have created files in the folder."""
     status = os.lstat(folder)
     if not stat.S_ISDIR(status.st_mode):
         raise OSError(f"{folder} is not a directory: remove it")
