@@ -20,15 +20,16 @@ from typing import Any, Final, NamedTuple
 
 from .config_values import ConfigError, key_of, listed, only, shown, typed, whole
 
-# Attack: CREATE_CLIENT with one key after the other. See .eviction for the clients evicted then.
+# The most clients, because a program may send CREATE_CLIENT with one key after the other. See
+# .eviction for the clients that are evicted then.
 MAX_CLIENTS: Final = 4096
-# Attack: the same with keys that are refused. The latest so many are recorded.
+# The most refused keys that are recorded, the latest ones, for the same reason.
 MAX_REFUSALS: Final = 256
 # Reasons of refusals; the tools show these texts.
 KEY_IN_USE: Final = "client key in use"
 KEY_NOT_ALLOWED: Final = "client key not allowed"
 ADDRESS_NOT_ALLOWED: Final = "address not allowed"
-# Attack: packets with forged source addresses. Results for so many are cached.
+# The most addresses for which the result is cached, because packets may have forged addresses.
 _MAX_HOSTS: Final = 1024
 
 

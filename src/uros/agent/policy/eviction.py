@@ -1,9 +1,10 @@
-"""Eviction: which clients are deleted when a new client finds no place.
+"""Eviction: which clients are deleted for a new one when the limit of clients is reached.
 
-A session costs its creator one datagram, and one socket can create as many as there are places. So
-clients are counted by origin: the *network* (an IPv4 address, 64 bits of an IPv6 address, or one
-line: a serial device, a CAN bus) and the *socket* there (an address and port, a connection, a
-board's number on the line). When a new client finds no place, clients are evicted from
+The limit (``--max-clients``) is the number of *places*. A session costs its creator one datagram,
+so one socket could take all places. Therefore clients are counted by origin: the *network* (an IPv4
+address, 64 bits of an IPv6 address, or one line: a serial device, a CAN bus) and the *socket* there
+(an address and port, a connection, a board's number on the line). When no place is free for a new
+client, clients are evicted from
 
 1. one socket that has many sessions more than the new client's socket: those with the fewest
    objects and the youngest, active or not, since a board has one session;
@@ -29,14 +30,15 @@ from ..transports.base import ServerTransport
 LEAST: Final = 16
 # A client with objects counts as silent after so long: boards send messages while they set up.
 SILENT_MS: Final = 3000
-# The part of all places that is freed at a time: a flood must not cause a search each time.
+# One place in so many is freed at a time, so that not every client of a flood causes a search.
 _PART: Final = 16
-# Attack: active sessions of one network. This part of all places is reserved for other networks,
-# where the limit is so high that it is there for attacks and not for the owner's boards.
+# One place in so many is not available to one network, even if all its sessions are active. This
+# holds from _MANY_PLACES on: so high a limit protects from attacks and does not count the owner's
+# boards.
 _RESERVED: Final = 16
 _MANY_PLACES: Final = 1024
-# Attack: new clients in vain, each of which causes a search of all clients. How long a search
-# without result is not repeated, in milliseconds.
+# How long a search without result is not repeated, in milliseconds, because it searches all clients
+# and a flood of new clients would cause one after the other.
 _PAUSE_MS: Final = 100
 
 
@@ -92,7 +94,7 @@ class EvictionPolicy:
         """Select clients to evict for a new one at ``peer``.
 
         Returns:
-            The clients, none where the new one must wait; and the reason for the log.
+            The clients, none if the new one must wait; and the reason for the log.
         """
         network, part = network_of(transport, peer), max(1, most // _PART)
         over = self.is_over(transport, peer, most)
@@ -126,7 +128,7 @@ class EvictionPolicy:
         """Select silent clients of the largest network, for a new one of ``network``."""
         count = self._counts[largest]
         spare = count - self._counts.get(network, 0) - 1
-        if largest == network:  # only where the limit is there for attacks
+        if largest == network:  # it may evict its own clients only from _MANY_PLACES on
             spare = part if most >= _MANY_PLACES else 0
         if count < LEAST or spare <= 0:
             return []

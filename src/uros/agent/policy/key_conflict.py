@@ -9,7 +9,7 @@ half a second refuses the claimant; otherwise the claimant takes over.
 The key of a client that showed a certificate goes only to a claimant with the same certificate,
 even if the incumbent answers no probe: for others the key is free when the incumbent has deleted
 its session, or was deleted for its silence. A claimant inherits the objects of the incumbent only
-where transport, certificate and rules are the same (:meth:`uros.agent.agent.Agent.take_over`).
+if transport, certificate and rules are the same (:meth:`uros.agent.agent.Agent.take_over`).
 
 After an incumbent has answered, it is not probed again for :data:`DEFENDED_MS`, and claimants are
 refused at once. So a flood of claimants costs the incumbent only a few small messages. Without
@@ -31,15 +31,15 @@ from .admission import KEY_IN_USE
 WAIT_MS: Final = (150, 150, 200)
 # How long an incumbent that answered is not probed again, in milliseconds.
 DEFENDED_MS: Final = 5000
-# Attack: claimants for all clients at once. At most this many keys are probed at a time; claimants
-# for other keys get no answer and repeat their request.
+# The most keys that are probed at a time, because there may be claimants for all clients at once.
+# Claimants for other keys get no answer and repeat their request.
 MAX_PROBES: Final = 256
 
 
 class _TakeoverProbe:
     """One key with its incumbent and its claimant.
 
-    ``request`` is None where the claimant continues the session instead of creating one.
+    ``request`` is None if the claimant continues the session instead of creating one.
     """
 
     __slots__ = ("claimant", "due", "heard", "incumbent", "probes", "request")
@@ -54,7 +54,7 @@ class _TakeoverProbe:
         self.incumbent = incumbent
         self.claimant = claimant
         self.request = request
-        self.probes = 0  # sent so far
+        self.probes = 0  # the number sent so far
         self.due = now
         if incumbent.session.heard == now:
             # A message that comes in this same millisecond must change `heard`, too.
@@ -80,7 +80,7 @@ class KeyConflicts:
             incumbent: The client that has the key.
             transport: The claimant's transport.
             peer: The claimant's address there.
-            request: Its CREATE_CLIENT; None where it continues the session.
+            request: Its CREATE_CLIENT; None if it continues the session.
         """
         key, now = incumbent.key, self._agent.now()
         if incumbent.certificate not in (None, transport.certificate_of(peer)):

@@ -21,28 +21,30 @@ class TooMany(Exception):
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of one client, except ``memory``, which is that of all together."""
+    """The limits of one client, except ``memory``, which is the limit of all clients together."""
 
-    # Attack: a client that creates all 65536 objects that have ids.
+    # Objects. A client could create one for each of the 65536 ids.
     objects: int = 4096
-    # Attack: one client uses up the nodes of the network, which can have some thousand.
+    # Participants, each of which is a node. The network can have some thousand nodes.
     participants: int = 32
-    # Attack: one client opens all domains that the middleware can have; they stay open until the
-    # agent ends.
+    # Domains, so that one client cannot open all that the middleware can have. They stay open until
+    # the agent ends.
     domains: int = 4
-    # Attack: one type after the other; the middleware never forgets their names. Counted over the
-    # client's life.
+    # Types that a client uses in its whole life, because the middleware never forgets their names.
     types: int = 512
-    # Attack: many objects, each with the longest XML; all are stored for GET_INFO. Bytes.
+    # Bytes of all representations, which are stored for GET_INFO. Many objects may each have the
+    # longest XML.
     representations: int = 4 * 1024 * 1024
-    # Attack: fragments that never end, and samples of the network that a client never reads. Bytes.
+    # Bytes of a message, in either direction, because fragments may never end and a client may
+    # never read long samples.
     message: int = MAX_MESSAGE
-    # Attack: many clients, each at its limits. Bytes of all together; see memory_budget.py.
+    # Bytes that all clients together may hold, because many clients may each reach their limits;
+    # see memory_budget.py.
     memory: int = 256 * 1024 * 1024
 
 
 def use(used: set[_One], value: _One, most: int, noun: str) -> None:
-    """Add a value to those that a client uses; raises TooMany where ``most`` are used already."""
+    """Add a value to those that a client uses; raises TooMany if ``most`` are used already."""
     if value not in used:
         if len(used) >= most:
             raise TooMany(f"over {most} {noun} of one client")

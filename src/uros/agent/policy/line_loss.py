@@ -20,8 +20,8 @@ from ..context import AgentContext, ClientState
 from ..objects.kinds import key_label
 from ..transports.base import ServerTransport
 
-# Checks, one a second, in which a client can come back; and probes before it is deleted. A line
-# that comes back at the last check makes it two more: within ten seconds of the loss.
+# Checks, one a second, in which a client can come back; and probes before it is deleted. If a line
+# comes back at the last check there are two more checks, still within ten seconds of the loss.
 CHECKS: Final = 7
 PROBES: Final = 2
 _CHECK_SECONDS: Final = 1.0

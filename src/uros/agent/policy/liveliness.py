@@ -34,8 +34,8 @@ CHECK_MS: Final = 1000
 HARD: Final = "uxr_hl"
 MIN_HARD_MS: Final = 100
 MAX_HARD_MS: Final = 3_600_000
-# A network that fails silences all clients at once: so many are probed, or deleted, in one check,
-# and the next ones after a pause in which others are served.
+# The most clients that are probed, or deleted, in one check, because all are silent at once when a
+# network fails. The next check follows after a pause in which other clients are served.
 MAX_PROBED: Final = 64
 MAX_DELETED: Final = 16
 _REST_MS: Final = 20

@@ -4,10 +4,10 @@ Bytes are charged when they are stored. Frees are not tracked; usage is recounte
 be hit, at the end of the server's turn. So a message costs no more than an addition, and the usage
 passes the limit by no more than what one turn sends to clients.
 
-Where the limit is passed, clients that hold more than a fair share are evicted, those with the
-highest product of bytes and silence first. An evicted client is unknown to the agent from then on,
-and a board starts anew. New clients and objects are refused while there is no room; when a client
-was refused, others are evicted, so that it finds room when it asks again.
+If the limit is passed, clients that hold more than a fair share are evicted, those with the highest
+product of bytes and silence first. An evicted client is unknown to the agent from then on, and its
+board creates a new session. New clients and objects are refused while the limit is reached; when a
+client was refused, others are evicted, so that it is admitted when it asks again.
 """
 
 from __future__ import annotations
@@ -79,8 +79,8 @@ class MemoryBudget:
     def admit(self, size: int, pressing: bool = False) -> bool:
         """Charge an object or a client; return whether it is admitted.
 
-        Counts if that is needed. Where it is refused and ``pressing``, clients are evicted at the
-        end of the turn, so that there is room next time.
+        Recounts the usage if necessary. If it is refused and ``pressing``, clients are evicted at
+        the end of the turn, so that it is admitted next time.
         """
         if self.full:
             if pressing:

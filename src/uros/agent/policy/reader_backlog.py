@@ -15,14 +15,15 @@ from typing import Any, Final, Protocol
 
 from .memory_budget import MESSAGE_BYTES, MemoryBudget
 
-# Attack: a KEEP_ALL reader of a topic of images that is never read. One sample is kept whatever its
-# size. Bytes.
+# The most bytes that wait in one reader: a KEEP_ALL reader of images may never be read. One sample
+# is kept whatever its size.
 MAX_UNREAD_BYTES: Final = 16 * 1024 * 1024
 # One reader may have no more than this part of the memory budget.
 _SHARE: Final = 8
 # Bytes that, freed at once, are worth returning to the system.
 _MUCH: Final = 1024 * 1024
-# Attack: samples as fast as they can be counted. So many in a turn.
+# The most samples that are counted at a time: they may arrive as fast as they can be counted, and
+# other clients must be served.
 MAX_LOOKED_AT: Final = 64
 
 
@@ -39,8 +40,8 @@ class Source(Protocol):
 class Backlog:
     """The samples that wait in one reader.
 
-    The count may be too high for a while, where the middleware has dropped samples by itself; it is
-    correct again when the reader was emptied.
+    The count is too high for a while if the middleware has dropped samples by itself; it is correct
+    again when the reader was emptied.
 
     Attributes:
         octets: Bytes that wait, with the overhead of each sample.

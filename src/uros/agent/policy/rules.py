@@ -1,7 +1,7 @@
 """Rules of the agent's owner for clients: names, domain, QoS, limits.
 
 Rules come from a TOML file and from the command line. A rule says which
-clients it is for (by key, address, name of the node; every client where it
+clients it is for (by key, address, name of the node; every client if it
 says nothing) and what happens to them. All that match apply in their order,
 and what comes later wins::
 
@@ -17,8 +17,8 @@ and what comes later wins::
 
 Names are ROS names, whatever prefix they have in DDS (``rt/``, ``rq/``, ``rr/`` and those that are
 reserved): a plain datawriter on one half of a service obeys what holds for the service. A name with
-such a prefix that ROS does not allow is refused. A name without one stays as it is, where no
-namespace is to stand before it: there it is refused, as it cannot be in a namespace.
+such a prefix that ROS does not allow is refused. A name without one stays as it is, unless the
+rules put the board into a namespace: then it is refused, because it cannot be in a namespace.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ GLOBAL: Final = frozenset(
         "/tf_static",
     }
 )
-# Attack, or a mistake: a file that is no rule file. Bytes.
+# The largest rule file in bytes; a larger one is none, by mistake or malice.
 MAX_FILE: Final = 1024 * 1024
 # Messages that may come at once under max_rate, as seconds of that rate.
 _BURST: Final = 0.25
@@ -160,7 +160,7 @@ class Limiter:
             on_too_large: Called with the reason when the message is dropped for its size.
 
         Returns:
-            False where the rate or ``write`` has no room now: the message must come again.
+            False if the rate or ``write`` does not allow it now: the message must come again.
         """
         if self._max_size is not None and len(sample) > self._max_size:
             on_too_large(f"{len(sample)} bytes are over max_size {self._max_size}")
@@ -227,10 +227,10 @@ class Settings:
         return to
 
     def topic(self, dds_name: str) -> str:
-        """The DDS name of a topic, or of one half of a service, for the one that the board uses.
+        """Map the DDS name of a topic, or of one half of a service, that the board uses.
 
         Raises NameRefused for what ROS does not allow behind its prefixes, and for what is no name
-        of ROS where the board is in a namespace.
+        of ROS if the board is in a namespace.
         """
         parts = names.split_dds(dds_name)
         free = self.any_name and not self.namespace
@@ -282,7 +282,7 @@ class Settings:
                     setattr(qos, key, value)
 
 
-# The settings where no rule applies.
+# The settings if no rule applies.
 NOTHING: Final = Settings([])
 
 
@@ -309,7 +309,7 @@ class Rules:
             raise ConfigError(f"{path}: over {MAX_FILE} bytes")
         try:
             document = tomllib.loads(raw.decode("utf-8"))
-        except (ValueError, RecursionError) as error:  # also of a number of 5000 digits
+        except (ValueError, RecursionError) as error:  # also for a number of over 4300 digits
             raise ConfigError(f"{path}: no TOML: {error}") from error
         try:
             rules = _rules(document)

@@ -26,7 +26,8 @@ SHARE_OF_ALL: Final = 0.5
 # How long a turn closes entities of clients that left, and the pause before it goes on, in seconds.
 SLICE: Final = 0.01
 PAUSE: Final = 0.005
-# Attack: clients that come, create and leave faster than is closed: then each pays for one.
+# The most entities that wait to be closed, because clients may create entities and leave faster
+# than the agent closes them. Beyond that, the oldest is closed for each that is added.
 MAX_CLOSING: Final = 20_000
 
 
