@@ -78,7 +78,7 @@ def set_baud_rate(fd: int, rate: int) -> None:
     """Set a rate that check_baud_rate returned, for input and output, and nothing else.
 
     It must be set last: on macOS, any later setting resets the rate. Raises OSError or
-    termios.error; BaudRateError where the device set another rate.
+    termios.error; BaudRateError if the device set another rate.
     """
     way = None if rate in BAUD_RATES else _way()
     attributes: list[Any] = termios.tcgetattr(fd)
@@ -113,7 +113,7 @@ def _set_termios2(fd: int, rate: int) -> None:
 
 
 def baud_rate(fd: int) -> int:
-    """Return the rate of a Linux device; raises OSError where it has none."""
+    """Return the rate of a Linux device; raises OSError if it has none."""
     return int(_TERMIOS2.unpack(fcntl.ioctl(fd, _TCGETS2, bytes(_TERMIOS2.size)))[6])
 
 

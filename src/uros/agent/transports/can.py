@@ -121,7 +121,7 @@ class CanServer(ServerTransport):
         bus = None
         try:
             bus = self._make()
-            waiting = bus.recv(0)  # fails where the interface is down
+            waiting = bus.recv(0)  # fails if the interface is down
         except Exception as error:  # drivers raise what they like
             if bus is not None:
                 self._shut(bus)
@@ -273,7 +273,7 @@ class CanServer(ServerTransport):
             return
         data = message.data
         size = data[0] if data else 0
-        # Attack: a length beyond the frame, which ends the C++ agent.
+        # A length beyond the frame is refused. It makes the C++ agent crash.
         if not 0 < size < len(data):
             if self._malformed.add():
                 host.note(
@@ -305,7 +305,7 @@ class CanServer(ServerTransport):
     # --- sending ---------------------------------------------------------------------------
 
     def send(self, peer: int, datagram: bytes) -> None:
-        """Send one message; it is lost where it cannot be sent."""
+        """Send one message; it is lost if it cannot be sent."""
         if self._bus is None:
             return
         if len(datagram) > MTU:
@@ -424,7 +424,7 @@ class _BusLine:
 
 
 def python_can() -> Any:
-    """Import python-can; raises TransportError where it is not installed."""
+    """Import python-can; raises TransportError if it is not installed."""
     try:
         import can
     except ImportError as error:
@@ -435,7 +435,7 @@ def python_can() -> Any:
 
 
 def check_socketcan(device: str) -> None:
-    """Raise OSError where there is no such interface, or no SocketCAN.
+    """Raise OSError if there is no such interface, or no SocketCAN.
 
     python-can would print the error each time, and leave a socket open.
     """

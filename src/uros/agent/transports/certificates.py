@@ -12,8 +12,8 @@ from .base import TransportError
 
 # The largest file that is read, in bytes; a chain of certificates has some kilobytes.
 MAX_FILE: Final = 1024 * 1024
-# Attack: resumable sessions, of which OpenSSL keeps 20,000 with their certificates, for clients of
-# TLS 1.2 that close properly. A new context drops them.
+# The most resumable sessions: OpenSSL keeps 20,000 with their certificates, for clients of TLS 1.2
+# that close properly. A new context drops them.
 MAX_SESSIONS: Final = 256
 _HELP: Final = "docs/security.md has the commands"
 
@@ -41,7 +41,7 @@ class Certificates:
     def context(self) -> ssl.SSLContext:
         """Return the context for the next handshake; files that changed are loaded again.
 
-        Raises TransportError, once after each change, where they cannot be used; the former
+        Raises TransportError, once after each change, if they cannot be used; the former
         context stays in use.
         """
         stamps = self._look()
@@ -67,8 +67,8 @@ class Certificates:
     def _load(self) -> ssl.SSLContext:
         context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
         context.minimum_version = ssl.TLSVersion.TLSv1_2
-        # Attack: a client that renegotiates again and again, which costs the agent the most.
-        # (OpenSSL 3 refuses it by itself.)
+        # A client must not renegotiate again and again, which costs the agent the most. (OpenSSL 3
+        # refuses it by itself.)
         context.options |= ssl.OP_NO_RENEGOTIATION
         context.options |= ssl.OP_NO_TICKET | ssl.OP_NO_COMPRESSION
         context.num_tickets = 0

@@ -29,8 +29,8 @@ _RETRY_MOST: Final = 8.0
 MAX_MESSAGE: Final = 0xFFFF
 # A stream is handled in pieces of so many bytes, however much was read at once.
 _CHUNK: Final = 4096
-# Attack: a new peer with each piece, each with a frame that never ends. The state of those that
-# were silent the longest is dropped.
+# The most peers whose incomplete frames are kept, because every piece may have a new peer and a
+# frame that never ends. The state of the peer that was silent the longest is dropped.
 MAX_PEERS: Final = 256
 _CALLS: Final = ("open", "close", "read", "write")
 
@@ -43,7 +43,7 @@ class CustomTransport:
     called concurrently.
 
     Attributes:
-        framed: True where the line is a stream of bytes: messages are sent in serial frames, and
+        framed: True if the line is a stream of bytes: messages are sent in serial frames, and
             ``read`` and ``write`` get pieces of the stream.
     """
 
@@ -59,19 +59,19 @@ class CustomTransport:
         """Receive one message, blocking for at most ``timeout`` seconds.
 
         Returns:
-            The message; ``(message, peer)`` where there are several boards, with any hashable
-            value that identifies the board; None where nothing was received.
+            The message; ``(message, peer)`` if there are several boards, with any hashable
+            value that identifies the board; None if nothing was received.
         """
         raise NotImplementedError
 
     def write(self, data: bytes, peer: Any) -> None:
         """Send one message to a board.
 
-        It may block; further messages wait in a queue, and are lost where that is full.
+        It may block; further messages wait in a queue, and are lost if that is full.
 
         Args:
             data: The message.
-            peer: The board as ``read`` returned it; None where it returned none.
+            peer: The board as ``read`` returned it; None if it returned none.
         """
         raise NotImplementedError
 
@@ -190,7 +190,7 @@ class CustomServer(ServerTransport):
                 self.deliver(host, board, buf, memoryview(buf), len(buf), now)
 
     def send(self, peer: Any, datagram: bytes) -> None:
-        """Send one message; it is lost where it cannot be sent."""
+        """Send one message; it is lost if it cannot be sent."""
         worker = self._worker
         if worker is None:
             return

@@ -30,14 +30,14 @@ DEFAULT_PORT: Final = 7400
 GROUP: Final = "239.255.0.2"
 # The most that eProsima's clients have room for; as many fit their 200 bytes.
 MAX_LOCATORS: Final = 4
-# Attack: questions with a forged source, which gets the answers, eight times as long. Answers in a
-# burst, and a second:
+# The most answers to one address at once and in a second, because the source of a question may be
+# forged: then that address gets the answers, which are eight times as long.
 MAX_ANSWERS: Final = 50
-# Attack: the same with many forged sources.
+# The same for all addresses together, because many sources may be forged.
 MAX_ANSWERS_IN_ALL: Final = 500
-# Attack: a line in the log for each bad packet. Seconds from one line to the next.
+# Seconds from one log line about bad packets to the next, so that a flood does not fill the log.
 FAULT_PAUSE: Final = 10.0
-# Networks come and go: seconds between two scans of the interfaces.
+# Seconds between two scans of the interfaces, which may be added and removed at any time.
 SCAN_PAUSE: Final = 10.0
 _LARGEST: Final = 2048
 _IP_MULTICAST_ALL: Final = 49  # of Linux; Python has no name for it

@@ -19,14 +19,14 @@ _NO_IPV6 = (
 
 
 def family_of(host: str) -> socket.AddressFamily:
-    """Return the family of an address: IPv6 where it has a colon."""
+    """Return the family of an address: IPv6 if it has a colon."""
     return socket.AF_INET6 if ":" in host else socket.AF_INET
 
 
 def listening_socket(protocol: str, host: str, port: int) -> socket.socket:
-    """A socket of ``protocol`` ("UDP" or "TCP"), bound and non-blocking.
+    """Return a socket of ``protocol`` ("UDP" or "TCP"), bound and non-blocking.
 
-    One on IPv6 leaves IPv4 alone, so that there may be one of each on a port.
+    A socket on IPv6 does not receive IPv4, so that a port may have one of each.
     Raises TransportError.
     """
     family, sock = family_of(host), None
@@ -86,7 +86,7 @@ def ipv6_works() -> bool:
 
 
 def warn_without_ipv6(host: Host, name: str, listens_on: str) -> None:
-    """Log a warning where IPv6 is turned off: listening on "::" works even then."""
+    """Log a warning if IPv6 is turned off: listening on "::" works even then."""
     if family_of(listens_on) == socket.AF_INET6 and not ipv6_works():
         host.note(WARNING, name, "init", "nobody can reach this port", _NO_IPV6)
 

@@ -256,7 +256,7 @@ class Line:
     # --- out --------------------------------------------------------------------
 
     def send(self, address: int, datagram: bytes) -> None:
-        """Send one message in a frame to ``address``; it is lost where the line has no room."""
+        """Send one message in a frame to ``address``; it is lost if the line takes no more."""
         stream = self.stream
         if stream is None:
             return
@@ -293,7 +293,7 @@ class Line:
 
 
 class LineServer(ServerTransport):
-    """The transport of one line, which is opened again and again until it is there.
+    """The transport of one line; a line that cannot be opened or is lost is opened again and again.
 
     A peer is the source address of its frames: boards are 1 and up. Boards that were not reset
     continue their sessions when the line comes back.
@@ -319,7 +319,7 @@ class LineServer(ServerTransport):
         if not self._closed and self._host is not None:
             try:
                 self._begin(self._host)
-            except Exception as error:  # such as no descriptor left: it may be gone later
+            except Exception as error:  # such as no descriptor left: a later try may succeed
                 self._failed(ERROR, "open device error", str(error))
 
     @abstractmethod
@@ -359,7 +359,7 @@ class LineServer(ServerTransport):
         host.lost(self)
 
     def send(self, peer: int, datagram: bytes) -> None:
-        """Send one message; it is lost where it cannot be sent."""
+        """Send one message; it is lost if it cannot be sent."""
         self.line.send(peer, datagram)
 
     def label(self) -> str:

@@ -58,7 +58,7 @@ class MemoryServer(ServerTransport):
             self.deliver(host, number, self._buf, self._view, length, host.now())
 
     def send(self, peer: int, datagram: bytes) -> None:
-        """Send one message; it is lost where it cannot be sent."""
+        """Send one message; it is lost if it cannot be sent."""
         try:
             self._peers[peer].send(datagram)
         except OSError:  # full, or the board is gone

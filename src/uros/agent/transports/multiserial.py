@@ -47,7 +47,7 @@ def serial_servers(
 def devices_in(path: str) -> list[str]:
     """Read device names from a file, one a line; empty lines and ``#`` lines are skipped.
 
-    Raises TransportError where the file cannot be used.
+    Raises TransportError if the file cannot be used.
     """
     try:
         with Path(path).open("rb") as file:

@@ -18,7 +18,7 @@ from .base import Host, TransportError
 from .remedies import trouble
 from .serial_device import DeviceServer, is_url
 
-# How long the reading thread blocks where it cannot be interrupted, in seconds.
+# How long the reading thread blocks if it cannot be interrupted, in seconds.
 _SLICE: Final = 0.2
 # Timeout of a write, in seconds.
 _WRITE_SECONDS: Final = 2.0
@@ -32,7 +32,7 @@ _MAX_INBOX: Final = 256 * 1024
 
 
 def check_pyserial(device: str, baud: int) -> None:
-    """Raise TransportError where ``device`` can never be opened: no pyserial, unknown scheme."""
+    """Raise TransportError if ``device`` can never be opened: no pyserial, unknown scheme."""
     _made(device, baud, None, None)
 
 
@@ -64,7 +64,7 @@ def _made(
         raise TransportError(
             errno.EINVAL, f"{device}: {error}; pyserial has socket://, rfc2217://, loop://, hwgrep://"
         ) from error  # fmt: skip
-    # Set before opening: the port is opened with these levels, where the system supports that.
+    # Set before opening, so that the port is opened with these levels if the system supports that.
     if dtr is not None:
         port.dtr = dtr
     if rts is not None:
@@ -75,7 +75,7 @@ def _made(
 
 
 def reason(device: str, error: Exception) -> tuple[int, str]:
-    """Return the errno of an exception of pyserial, 0 where it has none; and the remedy."""
+    """Return the errno of an exception of pyserial, 0 if it has none; and the remedy."""
     if isinstance(error, TransportError):
         return 0, str(error.strerror)
     number = getattr(error, "errno", None)

@@ -24,7 +24,7 @@ _ADDRESS: Final = re.compile("[0-9A-F]{2}(:[0-9A-F]{2}){5}")
 
 
 def check_address(address: str) -> str:
-    """Return a Bluetooth address in capitals; raises TransportError where it is invalid."""
+    """Return a Bluetooth address in capitals; raises TransportError if it is invalid."""
     address = address.upper().replace("-", ":")
     if not _ADDRESS.fullmatch(address):
         raise TransportError(
@@ -35,7 +35,7 @@ def check_address(address: str) -> str:
 
 
 def check_channel(channel: int) -> int:
-    """Return ``channel``; raises TransportError where RFCOMM has no such channel."""
+    """Return ``channel``; raises TransportError if RFCOMM has no such channel."""
     if not 1 <= channel <= MAX_CHANNEL:
         raise TransportError(
             errno.EINVAL, f"channel {channel} does not exist: 1 to {MAX_CHANNEL}"

@@ -2,7 +2,7 @@
 
 A device that is missing, not permitted or unplugged is opened again and again: a board that is
 plugged in again continues its session. :func:`serial_server` chooses the transport of a device;
-this module can be imported where there is no termios.
+this module can be imported on systems without termios.
 """
 
 from __future__ import annotations

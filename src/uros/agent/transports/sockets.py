@@ -22,7 +22,7 @@ from .remedies import socket_trouble
 PATIENCE: Final = 20.0
 # The time between two tries to open a listening socket, in seconds.
 RETRY: Final = 2.0
-# Attack: connections until no descriptor is left. A Bluetooth adapter holds seven.
+# The most connections, so that they do not take all descriptors. A Bluetooth adapter holds seven.
 MAX_CONNECTIONS: Final = 64
 
 _PENDING: Final = (
@@ -121,7 +121,7 @@ class SocketLineServer(LineServer):
 def tcp_line(url: str) -> SocketLineServer:
     """Make the line of ``socket://host:port``, offered by another machine (ser2net, esp-link).
 
-    A name is resolved once, here, because resolving takes long where the network is down. Raises
+    A name is resolved once, here, because resolving takes long if the network is down. Raises
     TransportError for another URL, or a name that cannot be resolved.
     """
     try:
@@ -260,7 +260,7 @@ class StreamListener(ServerTransport):
         return Line(self, name, lambda source: (name, source), lost)
 
     def send(self, peer: tuple[str, int], datagram: bytes) -> None:
-        """Send one message; it is lost where it cannot be sent."""
+        """Send one message; it is lost if it cannot be sent."""
         line = self.lines.get(peer[0])
         if line is not None:
             line.send(peer[1], datagram)
@@ -286,7 +286,7 @@ class StreamListener(ServerTransport):
     def is_away(self, peer: tuple[str, int]) -> bool:
         """Return whether the board was connected and is not any more.
 
-        A restored board was never connected here: it connects when it likes.
+        False for a restored board that has not connected since: it may connect at any time.
         """
         line = self.lines.get(peer[0])
         return line is not None and line.stream is None

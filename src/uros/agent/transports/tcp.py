@@ -19,20 +19,21 @@ from .ip import (
     warn_without_ipv6,
 )
 
-# Bytes handled before the next socket.
+# Bytes that are read from a connection before the next socket is read.
 _CHUNK: Final = 16384
-# How long accepting pauses where no descriptors are left, in seconds.
+# How long accepting pauses if no descriptors are left, in seconds.
 _PAUSE: Final = 0.5
 # Bytes that wait for a client; one that does not read them is disconnected.
 MAX_UNSENT: Final = 4 * 1024 * 1024
-# Attack: silent connections, a descriptor each. (The C++ agent has 100.)
+# The most connections, because each takes a descriptor, even a silent one. (The C++ agent has 100.)
 MAX_CONNECTIONS: Final = 1000
-# Attack: all of them from one address; of IPv6 from one network of 64 bits, which one machine has.
+# The most connections from one address; with IPv6 from one network of 64 bits, all of whose
+# addresses one machine may have.
 MAX_FROM_ONE: Final = 250
-# Attack: a thousand clients that read slowly. Bytes that wait for all of them together.
+# Bytes that wait for all clients together, because a thousand clients may read slowly.
 MAX_UNSENT_OF_ALL: Final = 64 * 1024 * 1024
-# Attack: silent connections, or messages sent byte by byte. A client sends CREATE_CLIENT at once;
-# one that only pings may be this slow. A message must be complete within this time.
+# How long a connection without a session may be silent, and how long a message may be incomplete,
+# in seconds. A client sends CREATE_CLIENT at once; one that only pings may be this slow.
 IDLE_SECONDS: Final = 30.0
 _SWEEP_SECONDS: Final = 5.0
 _NO_TLS_HERE: Final = (
@@ -47,7 +48,7 @@ class _Deframer(LengthDeframer):
 
     @property
     def pending(self) -> bool:
-        """Whether a message has begun that is not whole."""
+        """Whether a message has begun that is not complete."""
         return bool(self._buf)
 
 
@@ -60,9 +61,9 @@ class _Connection:
         self.network = _network(address)
         self.deframer = _Deframer()
         self.unsent = bytearray()
-        self.whole = now  # when the last message was whole
+        self.whole = now  # when the last message was complete
         self.spoke = 0  # the session id of that message
-        self.begun = 0.0  # since when one is there in part; 0: none is
+        self.begun = 0.0  # when the incomplete message began; 0: there is none
 
 
 def _network(address: Address) -> str:
@@ -75,9 +76,9 @@ def _network(address: Address) -> str:
 
 
 def is_client_hello(chunk: bytes) -> bool:
-    """Whether TLS begins here: a handshake record with a whole ClientHello, by both lengths.
+    """Return whether TLS begins: a handshake record with a whole ClientHello, by both lengths.
 
-    Read as messages, it would be one that never ends, and the board would wait in vain.
+    If it were read as a message, that message would never end, and the board would wait in vain.
     """
     return (
         chunk[:2] == b"\x16\x03"
@@ -87,10 +88,10 @@ def is_client_hello(chunk: bytes) -> bool:
 
 
 def _acknowledge_at_once(sock: socket.socket) -> None:
-    """Do not delay the next acknowledgement (Linux; the kernel forgets it soon).
+    """Do not delay the next acknowledgement (Linux; the kernel forgets the setting soon).
 
-    C clients write a message's length and the message apart, and their kernel holds
-    the second back until the first is acknowledged: 40 ms, else.
+    C clients write a message's length and the message separately, and their kernel holds the
+    message back until the length is acknowledged, which would take 40 ms otherwise.
     """
     if _TCP_QUICKACK is not None:
         sock.setsockopt(socket.IPPROTO_TCP, _TCP_QUICKACK, 1)
@@ -247,7 +248,7 @@ class TcpServer(ServerTransport):
             self.deliver(self._host, connection, buf, memoryview(buf), len(buf), now)
 
     def send(self, peer: _Connection, datagram: bytes) -> None:
-        """Send one message; it is lost where it cannot be sent."""
+        """Send one message; it is lost if it cannot be sent."""
         if peer not in self._connections:
             return
         if len(peer.unsent) + len(datagram) > MAX_UNSENT:

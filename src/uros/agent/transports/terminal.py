@@ -53,7 +53,7 @@ def set_modem_lines(fd: int, dtr: bool | None, rts: bool | None) -> str:
     """Raise (True) or drop (False) DTR and RTS; None leaves a line as it is.
 
     Devices without modem lines (a pseudo-terminal, some USB devices) work, so that is no error.
-    Returns a text for the log about that, "" where the lines were set. Raises OSError when the
+    Returns a text for the log about that, "" if the lines were set. Raises OSError when the
     device was removed.
     """
     up = down = 0
@@ -62,7 +62,8 @@ def set_modem_lines(fd: int, dtr: bool | None, rts: bool | None) -> str:
             up |= bit if raised else 0
             down |= 0 if raised else bit
     try:
-        # Each in one call: an ESP32's circuit takes one before the other for a reset.
+        # One call changes both lines, because an ESP32's circuit resets the board if one line
+        # changes before the other.
         if up:
             fcntl.ioctl(fd, termios.TIOCMBIS, struct.pack("=I", up))
         if down:

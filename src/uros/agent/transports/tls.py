@@ -2,8 +2,8 @@
 
 A handshake costs the one thread of the agent milliseconds, and memory before the client is known.
 So there are at most :data:`MAX_HANDSHAKES` at once, they take no more than :data:`SHARE` of the
-time, and where more wait, the network that has used the least time goes first: a flood from one
-machine does not block others.
+time, and if several wait, the network that has used the least time goes first, so that a flood from
+one machine does not block others.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from .certificates import Certificates
 from .ip import text_of
 from .tcp import TcpServer
 
-# Attack: handshakes that stop half-way. The arithmetic of a board takes some seconds.
+# The longest time of a handshake, which may stop half-way. A board computes for some seconds.
 HANDSHAKE_SECONDS: Final = 10.0
-# Attack: many of them, tens of kilobytes each.
+# The most handshakes at a time, because each takes tens of kilobytes.
 MAX_HANDSHAKES: Final = 256
-# Attack: handshakes as fast as they go. How much of the thread's time they may take, and how much
-# of what was not used may be saved up, in seconds.
+# The most of the thread's time that handshakes may take, as a fraction, and how much of what was
+# not used may be saved up, in seconds. Clients may start handshakes without pause.
 SHARE: Final = 0.25
 _SAVED: Final = 0.25
 # How long handshakes wait when the time is used up, in seconds.
@@ -39,7 +39,7 @@ FAULT_BURST: Final = 4
 FAULT_SECONDS: Final = 60.0
 # How many networks' shares are remembered.
 _REMEMBERED: Final = 4096
-# Of a client's name; X.509 has no longer ones, but for those of hosts.
+# The most characters of a client's name; only names of hosts may be longer in X.509.
 _MAX_CN: Final = 64
 _BEGINNING: Final = b"\x16\x03"
 _WANTS: Final = (ssl.SSLWantReadError, ssl.SSLWantWriteError)

@@ -9,7 +9,8 @@ from .base import ERROR, INFO, MAX_BURST, MAX_BURST_BYTES, Host, ServerTransport
 from .ip import Address, family_of, listening_socket, text_of, warn_without_ipv6
 
 _LARGEST: Final = 65536
-# A burst of a hundred boards must fit, in bytes; the kernel may grant less.
+# The size of the socket's buffers in bytes: a burst of a hundred boards must fit. The kernel may
+# grant less.
 _SOCKET_BUFFER: Final = 4 * 1024 * 1024
 
 
@@ -71,7 +72,7 @@ class UdpServer(ServerTransport):
             self.bytes += MAX_BURST_BYTES - budget
 
     def send(self, peer: Address, datagram: bytes) -> None:
-        """Send one message; it is lost where it cannot be sent."""
+        """Send one message; it is lost if it cannot be sent."""
         if self._socket is not None:
             try:
                 self._socket.sendto(datagram, peer)

@@ -17,7 +17,7 @@ from .base import MAX_BURST, WARNING, Host
 
 # How long a read may block, in seconds: the delay at which the end of a line is noticed.
 POLL: Final = 0.1
-# Items read and not handled yet; then the line is not read until some are.
+# Items that were read and wait to be handled; when there are so many, the line is not read.
 MAX_WAITING: Final = 256
 # How long one line is handled before the next, in seconds.
 _TURN: Final = 0.001
@@ -27,7 +27,8 @@ MAX_UNSENT: Final = 1024 * 1024
 _ENTRY: Final = 64
 # How long the end waits for the threads, in seconds.
 LEAVE: Final = 2.0
-# The pause after a read that returned nothing at once, which would take a processor.
+# The pause after a read that returned nothing: without one, a read that returns at once would be
+# repeated without end and use a whole processor. In seconds.
 _QUIET: Final = 0.001
 
 
@@ -91,7 +92,7 @@ class Worker:
     # --- the server's thread ---------------------------------------------------------------
 
     def send(self, data: bytes, peer: Any) -> bool:
-        """Queue a message; False where too much waits already and it is lost."""
+        """Queue a message; return False if too much waits already and the message is lost."""
         with self._change:
             if self._over or self._unsent + len(data) > MAX_UNSENT:
                 return False
@@ -127,7 +128,7 @@ class Worker:
                 if len(self._come) == MAX_WAITING - 1:
                     self._change.notify_all()
                 if self._come:
-                    self._poke()  # also where a callback fails
+                    self._poke()  # before the callback, which may raise
             if isinstance(item, tuple):
                 self._received(item[0])
             else:
@@ -189,7 +190,7 @@ class Worker:
                 with self._change:
                     self._change.wait_for(lambda: self._over or len(self._come) < MAX_WAITING)
                 self.post((item,))
-        except BaseException as error:  # others' code: whatever it is, the agent goes on
+        except BaseException as error:  # a user's code: the agent goes on whatever it raises
             self._finish(error)
         self._finish(None)
         if writing:
