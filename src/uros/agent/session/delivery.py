@@ -12,8 +12,8 @@ from ...ticks import ticks_add, ticks_diff
 from ...wire import ids
 from .session import Session
 
-# Samples taken at a time, and sent at once on a best-effort stream: one client must not
-# keep the others waiting.
+# The most samples that are taken at a time, and sent at a time on a best-effort stream, so that one
+# client does not keep the others waiting.
 _BATCH: Final = 16
 _BURST: Final = 64
 
@@ -59,7 +59,7 @@ class Delivery:
         self._remaining: int | None = None if samples == ids.MAX_SAMPLES_UNLIMITED else samples
         self._end: int | None = ticks_add(now, seconds * 1000) if seconds else None
         self._next: int | None = None  # not before, by pace or rate
-        # Samples that need fragments are taken one by one: the others wait in the reader.
+        # Samples that need fragments are taken one by one, so that the others wait in the reader.
         self._large = False
         self.stream_id = stream_id
 
@@ -94,7 +94,7 @@ class Delivery:
             if not reliable:
                 limit = _BATCH
                 if sent >= _BURST:
-                    self._next = now  # the rest follows after the other clients' turn
+                    self._next = now  # the rest follows after the other clients were served
                     return
             if self._remaining is not None:
                 limit = min(limit, self._remaining)

@@ -1,21 +1,22 @@
 """Finds the message in fragments of a reliable stream after a client gave up another half-way.
 
-A C client writes a long message piece by piece (``uxr_prepare_output_stream_fragmented``). Where
-that runs out of time its first fragments stay in the stream, each as long as a message of the
-stream can take, and the fragments of the next message follow. No number is missing, and the last
-fragment makes one whole of both. The length in the first submessage header tells them apart. All
-C clients from 1.1 to 3.0 write one of these forms:
+A C client writes a long message piece by piece (``uxr_prepare_output_stream_fragmented``). If it
+runs out of time, the first fragments of the message stay in the stream, each as long as a message
+of the stream can take, and the fragments of the next message follow. No sequence number is missing,
+so both are reassembled into one message. The length in the first submessage header tells them
+apart. All C clients from 1.1 to 3.0 write one of these forms:
 
 * exact: the length is that of the payload modulo 2^16, and up to 3 octets of padding follow;
 * long: the length is 0, and the payload, of over 64 kB, runs to the end (from 2.1 on);
-* 2.0: the last fragment is as long as the first and announces all of itself, so that up to one
-  octet less than a fragment may follow. A single fragment of later clients is so, too.
+* 2.0: the last fragment is as long as the first, and its length includes octets that do not belong
+  to the message: up to one octet less than a fragment. A single fragment of later clients is like
+  this, too.
 
-Octets that fit none of them are more than one message. In the long form the length is unknown.
-There, and to find the message behind an abandoned one, the beginning of another WRITE_DATA is
-searched where a fragment begins: the same flags, a later request, a known datawriter (where it
-is sure that there are two messages, a requester or replier too), and a length that fits what
-follows.
+Octets that fit none of these forms are more than one message. In the long form the length is
+unknown. In that form, and to find the message after an abandoned one, the beginning of another
+WRITE_DATA is searched at the beginning of each fragment: the same flags, a later request, a known
+datawriter (if there are two messages for certain, also a requester or replier), and a length that
+fits what follows.
 """
 
 from __future__ import annotations
@@ -28,8 +29,9 @@ from ...wire.streams import sequence_after
 
 # The submessage header and the ids of request and object.
 _HEAD: Final = 8
-# Attack: a message of nothing but WRITE_DATA's octet. A picture of 8 MiB in fragments of 512
-# bytes has some sixty such octets where a fragment begins.
+# The most candidates that are checked, because a message may consist of nothing but the octet of
+# WRITE_DATA. A picture of 8 MiB in fragments of 512 bytes has some sixty such octets at the
+# beginning of a fragment.
 _LOOKS: Final = 4096
 # Kinds of objects, the low four bits of an id, that WRITE_DATA is for besides datawriters.
 _SERVICES: Final = (ids.KIND_REQUESTER, ids.KIND_REPLIER)

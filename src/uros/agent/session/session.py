@@ -6,10 +6,10 @@ in integer milliseconds modulo 2^30.
 
 WRITE_DATA to a datawriter is the hot path: its four bytes of ids become the
 encapsulation header in place, and the writer gets a memoryview of the receive
-buffer. Where a writer has no room, the reliable stream stalls: nothing further
-is handled and nothing acknowledged until :meth:`Session.poll` gets it through.
+buffer. If a writer has no room for a sample, the reliable stream stalls: nothing
+further is handled or acknowledged until :meth:`Session.poll` has written the sample.
 
-No message of a client raises an error: its faults go to ``fault`` of the handler.
+No message of a client raises an error; its faults go to ``fault`` of the handler.
 """
 
 from __future__ import annotations
@@ -52,13 +52,16 @@ MIN_MTU: Final = 32
 # checked every SILENT_CHECK_MS.
 SILENT_MS: Final = 30_000
 SILENT_CHECK_MS: Final = 1000
-# Attack: one client opens all 255 streams with a window of messages in each.
+# The most streams of each kind, because a client could open all 255, with a window of messages
+# each.
 MAX_STREAMS: Final = 8
-# Attack: requests without ever an acknowledgement of their answers.
+# The most messages of a stream that wait for an acknowledgement, because a client may never
+# acknowledge the answers to its requests.
 MAX_HELD: Final = 4096
-# Attack: the same with long answers. Bytes that may be held when one more is asked for.
+# The most bytes of such answers, because they may be long. The last one may exceed this limit.
 MAX_ANSWERS: Final = 1024 * 1024
-# A stalled message is tried again so soon, and less and less often while nothing gets through.
+# The first and the longest pause before a stalled message is tried again, in milliseconds. The
+# pauses grow while nothing can be written.
 STALL_RETRY_MS: Final = 5
 STALL_RETRY_MOST_MS: Final = 40
 # A C client reassembles what fits the history of its stream, 4 messages by default; with more the
@@ -67,7 +70,7 @@ SAFE_FRAGMENTS: Final = 4
 
 
 class _Stalled(Exception):
-    """A writer has no room; ``offset`` is where to go on."""
+    """A writer has no room; handling continues at ``offset`` of the message."""
 
     def __init__(self, offset: int) -> None:
         self.offset = offset
@@ -235,7 +238,7 @@ class Session:
         incoming.ack_due = True
         stream = incoming.stream
         if incoming.stalled and sequence == stream.next:
-            # It would be the next one, were the last one handled: keep it for pop().
+            # It is the next one once the stalled message is handled: keep it for pop().
             if sequence not in stream.waiting:
                 stream.waiting[sequence] = bytes(view[start:length])
                 if sequence_after(sequence, stream.announced):
@@ -245,7 +248,7 @@ class Session:
                 self._catch_up(incoming, stream_id, now)
             return
         if sequence in stream.waiting and not self._budget.keep(length - start):
-            del stream.waiting[sequence]  # it comes again
+            del stream.waiting[sequence]  # the client sends it again
 
     def _handle(
         self,
@@ -262,22 +265,22 @@ class Session:
             self._submessages(buf, view, start, end, stream_id, now)
         except _Stalled as stalled:
             if stalled.offset == 0:
-                incoming.stalled.append(buf)  # a copy of ours already
+                incoming.stalled.append(buf)  # no copy is needed: the session owns this buffer
             elif stalled.offset < end:
                 incoming.stalled.append(bytearray(view[stalled.offset : end]))
             self._retry_at = ticks_add(now, self._retry_ms)
             return False
         except DecodeError as error:
             self._handler.fault("deserialization error", str(error))
-        return stream_id in self._in  # not where the message reset the session
+        return stream_id in self._in  # False if the message reset the session
 
     def _submessages(
         self, buf: bytearray, view: memoryview, offset: int, end: int, stream_id: int, now: int
     ) -> None:
         """Handle the submessages in ``buf[offset:end]``, in order.
 
-        They start at multiples of 4, and so does ``offset``. Where there is no room for one it is
-        dropped, except on a reliable stream.
+        They start at multiples of 4, and so does ``offset``. A submessage for which there is no
+        room is dropped, except on a reliable stream.
 
         Raises:
             _Stalled: There is no room for one of a reliable stream; it has the offset of that one.
@@ -308,7 +311,7 @@ class Session:
                 except MiddlewareError as error:
                     self._handler.fault("middleware error", str(error))
                     done = True
-                except Exception as error:  # what comes behind it counts
+                except Exception as error:  # the submessages after it must be handled
                     self._handler.fault("internal error", unexpected(error))
                     done = True
                 if not done:
@@ -343,8 +346,8 @@ class Session:
             raise DecodeError("a fragment outside of a reliable stream")
         number = incoming.stream.next
         if number != incoming.fragment_at:
-            # C clients give a long message up where publish() runs out of time, with some of its
-            # fragments in the stream, and go on with others (on_full_output_buffer_fragmented).
+            # C clients abandon a long message if publish() runs out of time, with some of its
+            # fragments in the stream, and send others next (on_full_output_buffer_fragmented).
             if incoming.fragments.pending and number != (incoming.fragment_at + 1) & 0xFFFF:
                 incoming.fragments.drop()
                 self._given_up(stream_id)
@@ -368,14 +371,14 @@ class Session:
             self._given_up(stream_id)
             if start == NONE:
                 return True
-            whole = whole[start:]  # another one: the session store knows the first by its bytes
-        del whole[len(whole) - surplus(whole) :]  # one submessage; what follows it is nothing
+            whole = whole[start:]  # a copy: the session store identifies a message by its buffer
+        del whole[len(whole) - surplus(whole) :]  # one submessage; the rest is padding
         try:
             self._submessages(whole, memoryview(whole), 0, len(whole), stream_id, now)
         except _Stalled:
             incoming.stalled.append(whole)
             return False
-        except DecodeError as error:  # of it, and not of what comes behind it
+        except DecodeError as error:  # of this message; the submessages after it are handled
             self._handler.fault("deserialization error", str(error))
         return True
 
@@ -421,7 +424,7 @@ class Session:
             )
 
     def _catch_up(self, incoming: _In, stream_id: int, now: int) -> None:
-        """Handle messages that came early and whose turn it is now."""
+        """Handle messages that came early and follow without a gap now."""
         while True:
             body = incoming.stream.pop()
             if body is None:
@@ -433,7 +436,7 @@ class Session:
     # --- time ----------------------------------------------------------------
 
     def finish(self) -> None:
-        """Acknowledge, after a burst of datagrams, what came: once a stream."""
+        """Acknowledge what came in a burst of datagrams, once for each stream."""
         for stream_id, incoming in self._in.items():
             if incoming.ack_due and not incoming.stalled:
                 incoming.ack_due = False
@@ -642,7 +645,7 @@ class Session:
         parts = split(4 + size, self.mtu - head - 4)
         stream = self._out.get(stream_id)
         if len(parts) + (len(stream) if stream is not None else 0) > MAX_HELD:
-            return self._too_large(size, stream_id)  # half of it would spoil the stream
+            return self._too_large(size, stream_id)  # a part of it would make the stream unusable
         if len(parts) > SAFE_FRAGMENTS and not self._warned:
             self._warned = True
             self._handler.many_fragments(size, len(parts))
