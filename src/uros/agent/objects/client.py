@@ -1,4 +1,4 @@
-"""One client: its session, its objects, and the rules of creating them.
+"""One client: its session, its objects, and the rules for creating them.
 
 Creating an object whose id exists (XRCE 7.8.3, table 7):
 
@@ -14,7 +14,7 @@ yes        yes          OK_MATCHED if equal, else replaced
 Equal means the same specification, in whichever format it came. An object
 stays known after its parent is deleted, as with the C++ agent, so that a client
 may delete in any order; its endpoint is closed with the participant. An object
-without its endpoint is created again where it would be reused.
+without its endpoint is created again if it would be reused.
 
 Types and QoS profiles are only stored, for references by name. An application is
 created and deleted with all entities it lists.
@@ -275,7 +275,7 @@ class ProxyClient:
                 self._pump(obj, self._agent.now())
                 self._agent.attend(self.session)
             if backlog is not None and not backlog.empty and backlog.check():
-                self._agent.wake_at(0.0, ready)  # others have their turn first
+                self._agent.wake_at(0.0, ready)  # after the other clients were served
 
         return ready
 
@@ -325,7 +325,7 @@ class ProxyClient:
     def recreate(
         self, object_id: int, form: int, content: str | bytes, kind: int, parent: int, little: bool
     ) -> None:
-        """Create an object of before the agent's start again.
+        """Create an object again that existed before the agent was restarted.
 
         Args:
             object_id: Its id.
@@ -419,8 +419,9 @@ class ProxyClient:
             obj.delivery = None
             if self._agent.session_store is not None:
                 self._agent.session_store.reading(self, object_id, None)
-            # C clients wait a second for this, and the C++ agent never sends it. It is best effort
-            # so that the sequence numbers of the reliable stream are the C++ agent's.
+            # C clients wait a second for this answer, which the C++ agent never sends. It goes out
+            # on a best-effort stream, so that the reliable one has the C++ agent's sequence
+            # numbers.
             self._status(request_id, object_id, ids.STATUS_OK, ids.STREAM_BEST_EFFORT)
             return
         self._deliver(obj, obj.endpoint, request_id, stream_id, control)
@@ -448,7 +449,7 @@ class ProxyClient:
         self, object_id: int, request_id: int, stream_id: int,
         control: tuple[int, int, int, int] | None,
     ) -> bool:  # fmt: skip
-        """Continue a READ_DATA of before the agent's start; return whether its object exists."""
+        """Continue a READ_DATA from before the restart; return whether its object exists."""
         obj = self.objects.get(object_id)
         if obj is None or obj.endpoint is None or isinstance(obj.endpoint, WriterEndpoint):
             return False

@@ -61,7 +61,7 @@ def _info(
     w = Writer(bytearray(size))
     exists = itself or obj is not None
     status = ids.STATUS_OK if exists else ids.STATUS_ERR_UNKNOWN_REFERENCE
-    # 1: the session exists. Clients create theirs again where it is 0.
+    # 1: the session exists. If it is 0, clients create their session again.
     messages.push_status(w, request_id, object_id, status, 1)
     config = bool(mask & ids.INFO_CONFIGURATION)
     if itself and config:
@@ -93,7 +93,7 @@ def _info(
 
 
 def _variant(w: Writer, obj: XrceObject, form: int, content: str | bytes, parent: int) -> None:
-    """ObjectVariant: the kind, then what CREATE said."""
+    """Write an ObjectVariant: the kind, then the content of CREATE."""
     w.u8(obj.kind)
     w.u8(form)
     if isinstance(content, bytes):

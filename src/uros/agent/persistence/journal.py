@@ -41,7 +41,7 @@ _SLOTS_AT: Final = 4096
 SLOTS: Final = 4096
 SLOT_SIZE: Final = 128
 _JOURNAL_AT: Final = _SLOTS_AT + SLOTS * SLOT_SIZE
-# Attack: a file of many gigabytes. This much is read of a journal, and written.
+# The most bytes that are read from a journal, and written to it: a file may have many gigabytes.
 MAX_JOURNAL: Final = 64 * 1024 * 1024
 # Magic, length, serial, number, CRC of the payload; then the CRC of these fields.
 _RECORD: Final = struct.Struct("<4sIIII")
@@ -61,8 +61,8 @@ class JournalContent:
     """The content of a state file.
 
     Attributes:
-        trusted: Nothing that was acknowledged to boards can be missing; False after a crash of
-            the machine.
+        trusted: Whether nothing that was acknowledged to boards can be missing; False after a crash
+            of the machine.
         slots: The valid slots by index.
         records: ``(serial, number, payload)`` of the valid records, in order.
         damaged: What is damaged, as texts for the log.
@@ -109,7 +109,7 @@ def records_in(data: bytes) -> list[tuple[int, int, bytes]]:
 
 
 def _boot_id() -> str:
-    """Return the kernel's boot id; "" where there is none."""
+    """Return the kernel's boot id; "" if there is none."""
     try:
         with open(_BOOT_ID, encoding="ascii") as file:
             return file.read(64).strip()
@@ -124,7 +124,7 @@ def _head(clean: bool) -> bytes:
 
 
 def _read_head(head: bytes) -> bool | None:
-    """Return whether the file can be trusted; None where its head is damaged."""
+    """Return whether the file can be trusted; None if its head is damaged."""
     lines = head.split(b"\n")
     try:
         if len(lines) < 3 or int(lines[2], 16) != zlib.crc32(lines[1]):
@@ -171,7 +171,7 @@ def _read_all(fd: int, size: int, at: int) -> bytes:
     return b"".join(parts)
 
 
-# The first record of a journal, of no client: where it is missing, the file was truncated.
+# The first record of a journal, of no client: if it is missing, the file was truncated.
 _MARK: Final = record(0, 0, b"")
 
 
@@ -192,7 +192,7 @@ class Journal:
 
     @property
     def journal_size(self) -> int:
-        """Bytes of the journal behind the slots."""
+        """The bytes of the journal, without the head and the slots of the file."""
         return max(0, self._end - _JOURNAL_AT)
 
     def read(self) -> JournalContent:
@@ -291,7 +291,7 @@ class Journal:
         return True
 
     def _check_owner(self) -> None:
-        """Raise OSError where the path is another agent's file by now."""
+        """Raise OSError if the path is another agent's file by now."""
         try:
             fd = os.open(self.path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
         except FileNotFoundError:
@@ -350,7 +350,7 @@ class Journal:
             return False
 
     def missing(self) -> str | None:
-        """Return how another program has changed the file; None where it did not."""
+        """Return how another program has changed the file; None if none has."""
         try:
             own_status = os.fstat(self._fd)
             named_status = os.stat(self.path)
@@ -385,7 +385,7 @@ class Journal:
 
 
 def open_journal(path: str) -> Journal:
-    """Open and lock a state file; create an empty one where there is none.
+    """Open and lock a state file; create an empty one if there is none.
 
     Raises:
         JournalError: The file is no state file, of another version, in use, or no regular file.

@@ -1,6 +1,6 @@
 """The records of one client in the state file, and the client that they describe.
 
-A record's payload is a letter, and then, where ``{}`` stands a line of JSON::
+A record's payload is a letter and these fields (``{}`` is a line of JSON)::
 
     C {}           the client: key, session id, MTU, properties, transport, address there
     O {} content   an object was created, by this representation
@@ -63,7 +63,7 @@ class ClientInfo:
         peer: Its address there.
         properties: The properties of its CREATE_CLIENT.
         asleep_since: Since when its transport is not among the agent's, in seconds since 1970;
-            0 where it is.
+            0 if it is.
     """
 
     key: int
@@ -274,7 +274,7 @@ class ClientRecords:
             records.pop(object_id, None)
 
     def _streams(self, slot: bytes) -> None:
-        """Apply the slot; raises DamagedRecords where messages are missing."""
+        """Apply the slot; raises DamagedRecords if messages are missing."""
         for at in range(SLOT_IN_AT, SLOT_OUT_AT, SLOT_IN.size):
             stream_id, used, number, pending = SLOT_IN.unpack_from(slot, at)
             if not used:

@@ -28,7 +28,7 @@ HOLD_SECONDS: Final = 5.0
 
 
 def read_clients(file: Journal, log: Log) -> list[ClientRecords]:
-    """Return the clients whose records are complete; the log has the others."""
+    """Return the clients whose records are complete; log the others."""
     content = file.read()
     by_serial: dict[int, dict[int, bytes]] = {}
     for serial, number, payload in content.records:
@@ -69,11 +69,11 @@ def restore(
         records: The client as the file describes it.
         agent: The agent.
         transport: The client's transport.
-        enter: Allocates a slot in the file; None where there is none.
-        log: The agent's log, which gets the reason where the client is not restored.
+        enter: Allocates a slot in the file; returns None if there is none.
+        log: The agent's log, which gets the reason if the client is not restored.
 
     Returns:
-        The client's write cursor, or None where it was not restored.
+        The client's write cursor, or None if it was not restored.
     """
     info = records.info
     assert info is not None
@@ -105,7 +105,7 @@ def restore(
 
 
 def _refusal(agent: AgentContext, transport: ServerTransport, info: ClientInfo) -> str:
-    """Return why the client may not be restored; "" where it may."""
+    """Return why the client may not be restored; "" if it may."""
     admission = agent.admission
     if not admission.admits(info.key, transport.host_of(info.peer)):
         return "it is not admitted any more (see --allow-key, --allow-net)"

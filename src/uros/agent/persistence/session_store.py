@@ -9,8 +9,9 @@ the state of its streams into its slot (:mod:`.journal`, :mod:`.records`).
 When an agent starts with the file, its clients are restored (:mod:`.restore`); those whose
 transport the agent does not have stay in the file, asleep.
 
-Whatever happens to the file, the agent goes on: a slot shows which records could not be written, so
-that such a client starts anew after a restart instead of with wrong sequence numbers.
+The agent continues whatever happens to the file. A slot shows which records could not be written,
+so that such a client creates a new session after a restart instead of one with wrong sequence
+numbers.
 """
 
 from __future__ import annotations
@@ -56,7 +57,8 @@ JOURNAL_SIZE: Final = 4 * 1024 * 1024
 TICK_SECONDS: Final = 1.0
 # Ticks at which a restored client is asked to retransmit, as the first request may be lost.
 RETRANSMIT_REQUESTS: Final = 5
-# Every so many ticks the file is checked: was it removed, can it be written again?
+# Every so many ticks it is checked whether the file was removed and whether it can be written
+# again.
 _LOOK: Final = 10
 # Datawriters whose readers are counted at a tick; a count takes 2 µs.
 _COUNTED: Final = 1000
@@ -163,7 +165,7 @@ class SessionStore:
             client: The client.
             transport: Its transport.
             peer: Its address there.
-            properties: Those of its CREATE_CLIENT; None where there was none.
+            properties: Those of its CREATE_CLIENT; None if there was none.
         """
         if self._restoring:
             return
@@ -512,5 +514,5 @@ class SessionStore:
 
 
 def _name(transport: ServerTransport) -> str:
-    """The name of a transport in the file; "" where sessions end with their connections."""
+    """Return the name of a transport in the file; "" if sessions end with their connections."""
     return f"{transport.name} {transport.label()}" if transport.lasting else ""

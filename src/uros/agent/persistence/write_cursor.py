@@ -83,7 +83,7 @@ class WriteCursor:
         self.changed = False
         self.hold_until = 0.0
         self.limited: set[int] = set()  # objects whose READ_DATA has a limit
-        self.news: set[int] = set()  # datawriters whose last sample is not on disk
+        self.news: set[int] = set()  # ids of datawriters whose last sample is not on disk
         self.start_streams()
 
     def start_streams(self) -> None:
@@ -151,7 +151,7 @@ class WriteCursor:
             pending = bytearray()
             if inbound.pending:
                 # The rest may have arrived and stalled: then this is the beginning of the message,
-                # and the padding behind its end has no meaning.
+                # and the padding after its end has no meaning.
                 assert inbound.whole is not None
                 pending = inbound.whole[: inbound.pending].ljust(inbound.pending, b"\0")
             records.incoming[stream_id] = Incoming(max(0, inbound.next), pending, inbound.skip)
