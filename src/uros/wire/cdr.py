@@ -16,8 +16,8 @@ try:
 except ImportError:  # MicroPython
     pass
 
-# Attack: a string length of 4 GiB. A name, an XML document or a reference
-# beyond this is a fault too: eProsima's clients hold at most 512 bytes of one.
+# Longest string, in bytes. The limit prevents this attack: a string length of 4 GiB. A longer name,
+# XML document or reference is a fault, too: eProsima's clients hold at most 512 bytes of one.
 MAX_STRING: Final = 65536
 
 
@@ -53,7 +53,7 @@ class Reader:
         return self.buf[self._next(1, 1)]
 
     def boolean(self) -> bool:
-        """Read one octet, 0 or 1. Raises DecodeError for other values."""
+        """Read one octet, 0 or 1; raise DecodeError for other values."""
         value = self.u8()
         if value > 1:
             raise DecodeError("a boolean is 0 or 1, not %d" % value)
@@ -89,7 +89,7 @@ class Reader:
         return bytes(self.buf[at : at + size])
 
     def be16(self) -> int:
-        """Read a big-endian 16-bit number without alignment, as of ids."""
+        """Read a big-endian 16-bit number, such as an id, without alignment."""
         at = self._next(2, 1)
         return self.buf[at] << 8 | self.buf[at + 1]
 

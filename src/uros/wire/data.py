@@ -51,7 +51,7 @@ def push_read_data(
 def pull_read_data(
     r: "Reader",
 ) -> "tuple[int, int, int, int, str | None, tuple[int, int, int, int] | None]":
-    """``(request id, object id, stream id, data format, content filter, control)``."""
+    """Read ``(request id, object id, stream id, data format, content filter, control)``."""
     request_id, object_id, stream_id, data_format = r.be16(), r.be16(), r.u8(), r.u8()
     content_filter = r.string() if r.boolean() else None
     control = (r.u16(), r.u16(), r.u16(), r.u16()) if r.boolean() else None
@@ -61,7 +61,7 @@ def pull_read_data(
 def push_sample_identity(buf: bytearray, offset: int, guid: bytes, sequence: int) -> None:
     """Write 16 octets of GUID, then the 64-bit sequence number as high and low words.
 
-    The number is another DDS peer's, so a negative one is written, too.
+    The number may be that of any DDS peer, so a negative one is accepted, too.
     """
     if len(guid) != 16:
         raise EncodeError("a GUID has 16 octets, not %d" % len(guid))
@@ -78,7 +78,7 @@ def push_sample_identity(buf: bytearray, offset: int, guid: bytes, sequence: int
 def pull_sample_identity(
     buf: "Buffer", offset: int, end: int, little: bool = True
 ) -> "tuple[bytes, int]":
-    """``(guid, sequence number)``; ``little`` as the submessage's flag says."""
+    """Read ``(guid, sequence number)``; ``little`` is the flag of the submessage."""
     if offset + SAMPLE_IDENTITY_SIZE > end:
         raise DecodeError("truncated sample identity")
     high = low = 0

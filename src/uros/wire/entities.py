@@ -19,7 +19,7 @@ try:
 except ImportError:  # MicroPython
     pass
 
-# Attack: a partition list without end.
+# Most partitions of a publisher or subscriber. The limit prevents this attack: a list without end.
 MAX_PARTITIONS: Final = 64
 
 
@@ -55,10 +55,10 @@ def push_create(
 
 
 def pull_create(r: Reader) -> "tuple[int, int, int, int, str | bytes, int]":
-    """``(request id, object id, kind, format, content, parent)``.
+    """Read ``(request id, object id, kind, format, content, parent)``.
 
-    The kind octet of the payload and not the object id decides, as in the C++
-    agent; the object id that comes back has it in its low four bits.
+    The kind is that of the payload's kind octet and not of the object id, as in the
+    C++ agent; the object id that is returned has it in its low four bits.
     """
     request_id, object_id = r.be16(), r.be16()
     kind = r.u8()
@@ -89,26 +89,29 @@ def _pull_optional(r: Reader) -> "str | None":
 
 
 def push_binary_participant(w: Writer, name: "str | None", domain_reference: "str | None") -> None:
-    """micro-ROS sends the node's name, ``namespace/name``, as the QoS profile."""
+    """Write a participant.
+
+    ``name`` is sent as the QoS profile: there micro-ROS has the node's name, ``namespace/name``.
+    """
     _push_optional(w, domain_reference)
     _push_optional(w, name)
 
 
 def pull_binary_participant(r: Reader) -> "tuple[str | None, str | None]":
-    """``(name, domain reference)``."""
+    """Read ``(name, domain reference)``."""
     domain_reference = _pull_optional(r)
     return _pull_optional(r), domain_reference
 
 
 def push_binary_topic(w: Writer, name: str, type_name: "str | None") -> None:
-    """``rt/chatter``, ``std_msgs::msg::dds_::String_``: mangled as ROS does."""
+    """Write a topic; names are mangled: ``rt/chatter``, ``std_msgs::msg::dds_::String_``."""
     w.string(name)
     w.boolean(False)  # type reference
     _push_optional(w, type_name)
 
 
 def pull_binary_topic(r: Reader) -> "tuple[str, str | None]":
-    """``(topic name, type name)``."""
+    """Read ``(topic name, type name)``."""
     name = r.string()
     _pull_optional(r)
     return name, _pull_optional(r)
@@ -127,7 +130,7 @@ def push_binary_group(w: Writer, name: "str | None", partitions: "list[str] | No
 
 
 def pull_binary_group(r: Reader) -> "tuple[str | None, list[str]]":
-    """``(name, partitions)`` of a publisher or a subscriber."""
+    """Read ``(name, partitions)`` of a publisher or a subscriber."""
     name = _pull_optional(r)
     partitions = []
     if r.boolean():
@@ -212,5 +215,5 @@ def push_binary_service(
 
 
 def pull_binary_service(r: Reader) -> "tuple[str, str, str, str | None, str | None]":
-    """``(service name, request type, reply type, request topic, reply topic)``."""
+    """Read ``(service name, request type, reply type, request topic, reply topic)``."""
     return r.string(), r.string(), r.string(), _pull_optional(r), _pull_optional(r)

@@ -26,12 +26,13 @@ FLAG: Final = 0x7E
 ESCAPE: Final = 0x7D
 XOR: Final = 0x20
 
-# Octets of a frame besides its payload: two addresses, the length, and the CRC.
+# Octets of a frame between its flag and the payload: two addresses and the length.
 _HEADER: Final = 4
+# The same with the CRC behind the payload.
 _OVERHEAD: Final = 6
 
 
-# A quarter of what a list takes on a board.
+# An array takes a quarter of the memory of a list on a board.
 _CRC = array("H", bytes(512))
 for _i in range(256):
     _crc = _i
@@ -49,7 +50,7 @@ def crc16(data: "Buffer", start: int, stop: int, crc: int = 0) -> int:
 
 
 def frame_size(payload: "Buffer | int") -> int:
-    """Return the largest framed length of a payload, or of one of that length."""
+    """Return the largest framed length of a payload, which is given itself or by its length."""
     size = payload if isinstance(payload, int) else len(payload)
     return 1 + 2 * (size + _OVERHEAD)
 
@@ -130,18 +131,18 @@ class Deframer:
 
     def __init__(self, address: int) -> None:
         self.address = address
-        self.source = 0  # who sent the last message
+        self.source = 0  # address of the sender of the last message
         self.crc_errors = 0
-        self.foreign = 0  # sound frames for somebody else
-        self.skipped = 0  # bytes outside of sound frames
+        self.foreign = 0  # valid frames for another address
+        self.skipped = 0  # bytes outside of valid frames
         self._octets = bytearray()  # the open frame after its flag, unescaped
-        self._wanted = 0  # how long _octets must get next; 0: no frame is open
+        self._wanted = 0  # length of _octets at which it is evaluated; 0: no frame is open
         self._escaped = False  # the last byte was an escape
-        self._size = 0  # bytes of the open frame as they came, escapes and flag included
+        self._size = 0  # bytes of the open frame as received, escapes and flag included
 
     def feed(self, data: "Buffer") -> "list[bytes]":
         """Return the messages that ``data`` completes, in order."""
-        data = bytes(data)  # the others have no find() everywhere
+        data = bytes(data)  # other buffers do not have find() on every port
         out: "list[bytes]" = []
         at = 0
         end = len(data)
@@ -162,9 +163,10 @@ class Deframer:
         return out
 
     def _fill(self, data: bytes, at: int, stop: int, out: "list[bytes]") -> int:
-        """Take ``data[at:stop]``, without a flag in it, into the open frame.
+        """Add ``data[at:stop]``, which contains no flag, to the open frame.
 
-        The offset after what the frame took: before ``stop`` where it ends.
+        Returns:
+            The offset behind the bytes added; less than ``stop`` if the frame ends before.
         """
         octets = self._octets
         while at < stop:

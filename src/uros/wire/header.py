@@ -15,7 +15,7 @@ MAX_HEADER_SIZE: Final = 8
 
 
 def header_size(session_id: int) -> int:
-    """Return 4 bytes, or 8 if the session id is below 0x80 and the header has the key."""
+    """Return 4 bytes, or 8 if the session id is below 0x80: the header then has the key."""
     return 4 if session_id & 0x80 else MAX_HEADER_SIZE
 
 
@@ -24,8 +24,8 @@ def push_header(
 ) -> int:
     """Write a message header at the start of ``buf``; return the offset after it.
 
-    ``key`` is the 32-bit client key, first octet on the wire highest; it goes
-    out only with session ids below 0x80.
+    ``key`` is the 32-bit client key, whose highest octet is sent first; it is
+    sent only with session ids below 0x80.
     """
     if not (0 <= session_id <= 0xFF and 0 <= stream_id <= 0xFF and 0 <= sequence <= 0xFFFF):
         raise EncodeError("not a header: %d, %d, %d" % (session_id, stream_id, sequence))
@@ -47,10 +47,10 @@ def push_header(
 
 
 def pull_header(buf: "Buffer", end: int) -> "tuple[int, int, int, int | None, int]":
-    """``(session id, stream id, sequence, client key or None, offset after it)``.
+    """Read ``(session id, stream id, sequence, client key or None, offset after it)``.
 
-    Raises :class:`~uros.wire.errors.DecodeError` where ``buf[:end]`` is too
-    short to be a message: a header and one submessage header.
+    Raises:
+        DecodeError: ``buf[:end]`` is too short for a message: a header and one submessage header.
     """
     if end < 4 or end < header_size(buf[0]) + SUBHEADER_SIZE:
         raise DecodeError("%d bytes are too few for a message" % end)
@@ -64,8 +64,8 @@ def pull_header(buf: "Buffer", end: int) -> "tuple[int, int, int, int | None, in
 def push_subheader(buf: bytearray, offset: int, kind: int, flags: int, length: int) -> int:
     """Write a submessage header at ``offset`` (a multiple of 4); return the end.
 
-    The length is always little endian; one over 65535 goes out as its low 16
-    bits, as C clients and agents do (its data then runs to the message's end).
+    The length is always little endian. Of one over 65535 the low 16 bits are written,
+    as by C clients and agents; the payload then extends to the end of the message.
     """
     if offset + SUBHEADER_SIZE > len(buf):
         raise EncodeError("the message does not fit %d bytes" % len(buf))
@@ -79,11 +79,13 @@ def push_subheader(buf: bytearray, offset: int, kind: int, flags: int, length: i
 
 
 def pull_subheader(buf: "Buffer", offset: int, end: int) -> "tuple[int, int, int, int]":
-    """``(kind, flags, start, stop)`` of the submessage at ``offset``.
+    """Read ``(kind, flags, start, stop)`` of the submessage at ``offset``.
 
-    ``buf[start:stop]`` is its payload. Where the message is longer than 64 kB
-    the 16-bit length says nothing, and the payload runs to ``end``. Raises
-    :class:`~uros.wire.errors.DecodeError` where the payload is not all there.
+    ``buf[start:stop]`` is its payload. If more than 64 kB follow the header, the
+    16-bit length is invalid, and the payload extends to ``end``.
+
+    Raises:
+        DecodeError: The header or the payload is incomplete.
     """
     start = offset + SUBHEADER_SIZE
     if start > end:
@@ -121,8 +123,8 @@ class MessageWriter(Writer):
     def begin(self, kind: int, flags: int = 1) -> None:
         """Start a submessage; the values that follow are its payload."""
         self._close()
-        # A message header is a multiple of 4 long, and so is a submessage header: what is
-        # aligned to 4 from the last payload's start is so from the message's start.
+        # Message and submessage headers are multiples of 4 long, so what is aligned to 4 from the
+        # start of the last payload is aligned from the start of the message.
         at = self._next(0, 4)
         self._body = self.start = self.offset = push_subheader(self.buf, at, kind, flags, 0)
 

@@ -107,9 +107,9 @@ QOS_PERSISTENT: Final = 0x20
 MAX_SAMPLES_UNLIMITED: Final = 0xFFFF
 
 
-# Whether a status is told by its name. A board's build says False: there it is its number.
+# Whether `status_name` returns names. A build for a board sets it to False, to get numbers instead.
 NAMES_STATUS: Final = True
-# From STATUS_ERR_DDS_ERROR on. One text takes less of a board's heap than eight.
+# Names from STATUS_ERR_DDS_ERROR on, in one text, which takes less of a board's heap than eight.
 _ERRORS: Final = (
     "DDS_ERROR MISMATCH ALREADY_EXISTS DENIED UNKNOWN_REFERENCE INVALID_DATA INCOMPATIBLE RESOURCES"
 )

@@ -16,10 +16,10 @@ try:
 except ImportError:  # MicroPython
     pass
 
-# Attack: a property sequence of four billion pairs. The clients know two
-# (uxr_sm, uxr_hl).
+# Most properties in one sequence. The limit prevents this attack: a sequence of four billion pairs.
+# The clients know two properties (uxr_sm, uxr_hl).
 MAX_PROPERTIES: Final = 32
-# Attack: an INFO that lists locators without end.
+# Most locators in an INFO. The limit prevents this attack: a list of locators without end.
 MAX_LOCATORS: Final = 64
 
 
@@ -33,7 +33,7 @@ def push_create_client(
     version: "tuple[int, int]" = (ids.VERSION_MAJOR, ids.VERSION_MINOR),
     cookie: bytes = ids.COOKIE,
 ) -> None:
-    """CLIENT_Representation; ``mtu`` is the client's, in bytes."""
+    """Write CREATE_CLIENT, a CLIENT_Representation; ``mtu`` is the client's, in bytes."""
     w.array(cookie, 4)
     w.u8(version[0])
     w.u8(version[1])
@@ -53,7 +53,7 @@ def push_create_client(
 def pull_create_client(
     r: "Reader",
 ) -> "tuple[bytes, tuple[int, int], bytes, int, int, list[tuple[str, str]], int]":
-    """``(cookie, version, vendor, key, session id, properties, mtu)``."""
+    """Read ``(cookie, version, vendor, key, session id, properties, mtu)``."""
     cookie = r.octets(4)
     version = (r.u8(), r.u8())
     vendor = r.octets(2)
@@ -82,7 +82,7 @@ def push_status_agent(w: "Writer", status: int, implementation: int = 0) -> None
 
 
 def pull_status_agent(r: "Reader") -> "tuple[int, int]":
-    """``(status, implementation status)``."""
+    """Read ``(status, implementation status)``."""
     status, implementation = r.u8(), r.u8()
     _pull_agent(r)
     return status, implementation
@@ -104,13 +104,13 @@ def _pull_agent(r: "Reader") -> None:
 
 
 def push_request(w: "Writer", request_id: int, object_id: int) -> None:
-    """Write request id and object id: all of DELETE, the head of most others."""
+    """Write request id and object id: all of DELETE, the start of most other payloads."""
     w.be16(request_id)
     w.be16(object_id)
 
 
 def pull_request(r: "Reader") -> "tuple[int, int]":
-    """``(request id, object id)``."""
+    """Read ``(request id, object id)``."""
     return r.be16(), r.be16()
 
 
@@ -124,7 +124,7 @@ def push_status(
 
 
 def pull_status(r: "Reader") -> "tuple[int, int, int, int]":
-    """``(request id, object id, status, implementation status)``."""
+    """Read ``(request id, object id, status, implementation status)``."""
     return r.be16(), r.be16(), r.u8(), r.u8()
 
 
@@ -135,7 +135,7 @@ def push_get_info(w: "Writer", request_id: int, object_id: int, mask: int) -> No
 
 
 def pull_get_info(r: "Reader") -> "tuple[int, int, int]":
-    """``(request id, object id, mask)``."""
+    """Read ``(request id, object id, mask)``."""
     return r.be16(), r.be16(), r.u32()
 
 
@@ -150,7 +150,7 @@ def push_info(
     """Write INFO of the agent, the answer to a ping.
 
     ``locators`` are (address, port), the address of 4 bytes (IPv4) or of 16
-    (IPv6). ``implementation`` is 1 if the client has a session, 0 if not:
+    (IPv6). ``implementation`` is 1 if the client has a session, 0 if not;
     eProsima's clients decide by it whether to reconnect.
     """
     push_status(w, request_id, object_id, status, implementation)
@@ -173,9 +173,9 @@ def push_info(
 
 
 def pull_info(r: "Reader") -> "tuple[int, int, int, int, list[tuple[bytes, int]]]":
-    """``(request id, object id, status, implementation status, locators)``.
+    """Read ``(request id, object id, status, implementation status, locators)``.
 
-    Locators of other formats than IPv4 and IPv6 are passed over.
+    Locators of other formats than IPv4 and IPv6 are skipped.
     """
     request_id, object_id, status, implementation = pull_status(r)
     locators: "list[tuple[bytes, int]]" = []
@@ -219,7 +219,7 @@ def acknack_message(
     session_id: int, key: int, first_unacked: int, missing: int, stream_id: int
 ) -> bytes:
     """Return an ACKNACK message with its header; one is sent for every burst received."""
-    # Octet by octet: a struct's format each would take more of a board's heap.
+    # Written octet by octet, since a format for struct would take more of a board's heap.
     body = bytes(
         (
             ids.ACKNACK,
@@ -240,7 +240,7 @@ def acknack_message(
 
 
 def pull_acknack(r: "Reader") -> "tuple[int, int, int]":
-    """``(first unacknowledged, missing, stream id)``."""
+    """Read ``(first unacknowledged, missing, stream id)``."""
     return r.u16(), r.be16(), r.u8()
 
 
@@ -252,22 +252,22 @@ def push_heartbeat(w: "Writer", first_unacked: int, last_sent: int, stream_id: i
 
 
 def pull_heartbeat(r: "Reader") -> "tuple[int, int, int]":
-    """``(first unacknowledged, last sent, stream id)``."""
+    """Read ``(first unacknowledged, last sent, stream id)``."""
     return r.u16(), r.u16(), r.u8()
 
 
 def push_timestamp(w: "Writer", seconds: int, nanoseconds: int) -> None:
     """Write the client's time of sending, in seconds since 1970 or since its start.
 
-    The field is a signed one in the C sources and has no agreed meaning from
-    2038 on; here it counts on to 2106.
+    The field is signed in the C sources and has no agreed meaning from 2038
+    on; here it is unsigned and lasts until 2106.
     """
     w.u32(seconds)
     w.u32(nanoseconds)
 
 
 def pull_timestamp(r: "Reader") -> "tuple[int, int]":
-    """``(seconds, nanoseconds)``."""
+    """Read ``(seconds, nanoseconds)``."""
     return r.u32(), r.u32()
 
 
@@ -288,5 +288,5 @@ def push_timestamp_reply(
 def pull_timestamp_reply(
     r: "Reader",
 ) -> "tuple[tuple[int, int], tuple[int, int], tuple[int, int]]":
-    """``(transmit, receive, originate)``, each (seconds, nanoseconds)."""
+    """Read ``(transmit, receive, originate)``, each (seconds, nanoseconds)."""
     return pull_timestamp(r), pull_timestamp(r), pull_timestamp(r)

@@ -1,18 +1,19 @@
 """Sequence numbers, windows, acknowledgements, resends and fragments.
 
-The rules (XRCE 8.4), as state:
+The rules (XRCE 8.4):
 
 * Numbers are 16 bits and wrap; the first of a stream is 0. ``a`` comes before
-  ``b`` where ``b - a`` modulo 2^16 is below 2^15.
+  ``b`` if ``b - a`` modulo 2^16 is below 2^15.
 * Best effort: a message is accepted when its number is after the last accepted,
   or when the sender's numbers have jumped (see below).
-* Reliable in: messages are handed on in order, each once; up to ``depth`` ahead
-  of the next expected are kept, the others dropped (they come again). An
-  acknack tells the next expected number and which of the 16 from there on are
-  missing below the highest number heard of.
+* Reliable in: messages are delivered in order, each once. Early messages are
+  kept if they are less than ``depth`` ahead of the next expected one; others
+  are dropped, and the sender resends them. An ACKNACK carries the number
+  expected next, and which of the 16 messages from there on are missing, up to
+  the highest number known to be sent.
 * Reliable out: a message is kept until acknowledged; at most ``window`` are in
-  flight, the rest wait. A heartbeat goes out while something is in flight and
-  unacknowledged; an acknack's missing messages are sent again, the same one at
+  flight, the rest wait. HEARTBEATs are sent while messages are in flight;
+  messages that an ACKNACK reports as missing are sent again, the same one at
   most once in ``RESEND_HOLD_MS``.
 * A message whose numbers contradict the stream's state is assumed to be a late
   one of an earlier session with the same id, and changes nothing. After
@@ -20,7 +21,7 @@ The rules (XRCE 8.4), as state:
   message between them, the peer's numbers are accepted.
 * Fragments carry one submessage, header included, in consecutive messages.
 
-Times are integer milliseconds modulo 2^30 and come from the caller.
+Times are integer milliseconds modulo 2^30, given by the caller.
 """
 
 from ..ticks import ticks_add, ticks_diff
@@ -36,13 +37,15 @@ except ImportError:  # MicroPython
 
 SEQUENCE_MASK: Final = 0xFFFF
 
-# eProsima's client and agent keep 16 messages a stream; an acknack can name 16.
+# eProsima's client and agent keep 16 messages a stream; an ACKNACK can request 16.
 WINDOW: Final = 16
-# As the C++ agent's and the C client's default.
+# Period of HEARTBEATs, the default of the C++ agent and of the C client.
 HEARTBEAT_MS: Final = 200
+# Shortest time between two transmissions of the same message.
 RESEND_HOLD_MS: Final = 10
 
-# So many inconsistent messages in a row, over so long, are not late ones.
+# Inconsistent messages are not late ones of an earlier session if DOUBTS of them arrive in a row,
+# over at least DOUBT_MS.
 DOUBTS: Final = 8
 DOUBT_MS: Final = 2000
 
@@ -50,10 +53,10 @@ DOUBT_MS: Final = 2000
 # ambiguous.
 MAX_HELD: Final = 0x7FFF
 
-# Attack: fragments that never end. The largest messages on record are camera
-# images and point clouds of a few megabytes.
+# Longest submessage that is reassembled from fragments. The limit prevents this attack: fragments
+# without end. The largest known messages are camera images and point clouds of a few megabytes.
 MAX_MESSAGE: Final = 8 * 1024 * 1024
-# In place of an empty buffer: there may be no memory for one.
+# Replaces an empty buffer, since there may be no memory to allocate one.
 _NOTHING: "Any" = b""
 
 
@@ -63,7 +66,7 @@ def sequence_after(a: int, b: int) -> bool:
 
 
 def _doubted(stream: "BestEffortIn | ReliableIn", now: int) -> bool:
-    """Count an inconsistent message; return whether there were enough of them in a row."""
+    """Count an inconsistent message; return whether there were too many of them in a row."""
     if not stream.doubts:
         stream.since = now
     stream.doubts += 1
@@ -87,7 +90,7 @@ class BestEffortIn:
         self.doubts = 0
 
     def accept(self, sequence: int, now: int) -> bool:
-        """Return whether the message is a new one, and is to be handed on."""
+        """Return whether the message is a new one, which the caller must handle."""
         back = (self.last - sequence) & SEQUENCE_MASK
         if back <= 0x8000 and (back < WINDOW or not _doubted(self, now)):
             return False
@@ -99,10 +102,10 @@ class BestEffortIn:
 class ReliableIn:
     """Receiving end of a reliable stream.
 
-    ``next`` is the number expected next, ``announced`` the highest heard of:
-    ``next - 1`` or later, by less than half of all numbers. Nothing is kept but
-    what lies between ``next`` and ``next + depth``, so a peer can make it hold
-    ``depth`` datagrams.
+    ``next`` is the number expected next. ``announced`` is the highest number known
+    to be sent: ``next - 1`` or later, by less than half of all numbers. Only
+    messages between ``next`` and ``next + depth`` are kept, so a peer can make the
+    stream hold ``depth`` datagrams at most.
     """
 
     __slots__ = ("announced", "depth", "doubts", "next", "since", "waiting")
@@ -116,10 +119,10 @@ class ReliableIn:
         self.waiting: "dict[int, bytes]" = {}
 
     def receive(self, sequence: int, body: "Buffer") -> bool:
-        """Whether the message is the next one and to be handled right now.
+        """Return whether the message is the next one, which the caller must handle now.
 
-        True consumes it. An early one is copied and kept for :meth:`pop`; an
-        old, doubled or too early one is dropped.
+        If so, the stream expects the one after it. An early message is copied and kept
+        for :meth:`pop`; an old, duplicate or too early one is dropped.
         """
         ahead = (sequence - self.next) & SEQUENCE_MASK
         if ahead >= self.depth:
@@ -132,26 +135,26 @@ class ReliableIn:
             return False
         self.next = (sequence + 1) & SEQUENCE_MASK
         self.doubts = 0
-        # A copy that was kept while an earlier delivery stalled is done with.
+        # The message may have been kept as an early one, if the caller has not popped it since.
         self.waiting.pop(sequence, None)
         return True
 
     def pop(self) -> "bytes | None":
-        """The next message in order, if it is waiting."""
+        """Return the next message in order, or None if it is missing."""
         body = self.waiting.pop(self.next, None)
         if body is not None:
             self.next = (self.next + 1) & SEQUENCE_MASK
         return body
 
     def heartbeat(self, first: int, last: int, now: int) -> bool:
-        """Take a heartbeat: the sender holds ``first`` to ``last``; all before is acknowledged.
+        """Handle a HEARTBEAT: the sender holds ``first`` to ``last``; all before is acknowledged.
 
-        A range without ``next`` contradicts this stream. One such heartbeat may be a late
-        one of an earlier session, so it changes nothing: a C client accepts an acknack of
-        any number, and drops messages that it has not sent yet.
+        A range without ``next`` contradicts this stream. One such HEARTBEAT may be a late one of
+        an earlier session, so it changes nothing. To follow it would do harm: a C client accepts
+        an ACKNACK of any number, and then drops messages that it has not sent yet.
 
         Returns:
-            Whether so many heartbeats in a row contradict this stream that the sender must have
+            Whether so many HEARTBEATs in a row contradict this stream that the sender must have
             dropped messages or restarted its numbers; the caller restarts the stream then.
         """
         count = (last + 1 - first) & SEQUENCE_MASK
@@ -170,9 +173,9 @@ class ReliableIn:
         self.waiting.clear()
 
     def acknack(self) -> "tuple[int, int]":
-        """``(first unacknowledged, missing)`` to send back."""
+        """Return ``(first unacknowledged, missing)`` for an ACKNACK."""
         missing = 0
-        # How many numbers from `next` on the sender is known to have sent.
+        # How many messages from `next` on the sender is known to have sent.
         sent = (self.announced + 1 - self.next) & SEQUENCE_MASK
         for i in range(min(16, sent)):
             if (self.next + i) & SEQUENCE_MASK not in self.waiting:
@@ -183,8 +186,7 @@ class ReliableIn:
 class ReliableOut:
     """Sending end of a reliable stream: ``bytes`` in, numbered datagrams out.
 
-    Messages are given with their header's sequence number already right, so
-    :attr:`next` tells it beforehand.
+    A message is given with its sequence number, :attr:`next`, already in its header.
     """
 
     __slots__ = (
@@ -203,7 +205,7 @@ class ReliableOut:
         self._sent_at: "dict[int, int]" = {}
 
     def __len__(self) -> int:
-        """Messages held: in flight and waiting."""
+        """Return the number of messages held, in flight and waiting."""
         return len(self._held)
 
     def available(self) -> int:
@@ -231,10 +233,10 @@ class ReliableOut:
     def restore(
         self, acked: int, sent: int, after: int, messages: "dict[int, bytes]", now: int
     ) -> None:
-        """Go on from what `export` returned, in a stream that is new.
+        """Set the state of a new stream to what `export` returned.
 
-        Messages in flight are sent again as soon as the peer asks for them, and a heartbeat is
-        due at once where there are any.
+        Messages in flight are sent again as soon as the peer asks for them. If there are any, a
+        HEARTBEAT is due at once.
 
         Args:
             acked: First number not acknowledged.
@@ -256,9 +258,10 @@ class ReliableOut:
         self.deadline = now if sent != acked else None
 
     def put(self, message: "bytes | bytearray") -> None:
-        """Take the message numbered :attr:`next`, which nobody changes from now on.
+        """Queue the message with the number :attr:`next`; nobody may change it afterwards.
 
-        Raises LimitError when full.
+        Raises:
+            LimitError: The stream holds ``limit`` messages.
         """
         if len(self._held) >= self.limit:
             raise LimitError("%d messages wait already" % len(self._held))
@@ -267,7 +270,7 @@ class ReliableOut:
         self.next = (self.next + 1) & SEQUENCE_MASK
 
     def take(self, now: int) -> "list[bytes]":
-        """What may go out now: the window's worth of messages not sent yet."""
+        """Return the messages to send now: those not sent yet that the window allows."""
         out = []
         while self.sent != self.next and (self.sent - self.acked) & SEQUENCE_MASK < self.window:
             out.append(self._held[self.sent])
@@ -278,9 +281,9 @@ class ReliableOut:
         return out
 
     def acknack(self, first: int, missing: int, now: int) -> "list[bytes]":
-        """Forget what arrived; the messages to send now, lost ones first.
+        """Drop acknowledged messages; return the messages to send now, missing ones first.
 
-        An acknack for numbers never sent is a fault of the peer and ignored.
+        An ACKNACK for numbers never sent is a fault of the peer and is ignored.
         """
         if (first - self.acked) & SEQUENCE_MASK > (self.sent - self.acked) & SEQUENCE_MASK:
             return []
@@ -307,12 +310,12 @@ class ReliableOut:
         elif held_back:
             self.deadline = ticks_add(now, RESEND_HOLD_MS)
         elif news or out or self.deadline is None:
-            # Not at every acknack: the peer could put the heartbeat off for ever.
+            # Not at every ACKNACK, or repeated ones would postpone the HEARTBEAT for ever.
             self.deadline = ticks_add(now, HEARTBEAT_MS)
         return out
 
     def heartbeat(self, now: int) -> "tuple[int, int] | None":
-        """``(first unacknowledged, last sent)`` where a heartbeat is due."""
+        """Return ``(first unacknowledged, last sent)`` if a HEARTBEAT is due, else None."""
         if self.deadline is None or ticks_diff(now, self.deadline) < 0:
             return None
         self.deadline = ticks_add(now, HEARTBEAT_MS)
@@ -320,20 +323,21 @@ class ReliableOut:
 
 
 class Fragments:
-    """Puts a fragmented submessage together again, of at most ``limit`` bytes."""
+    """Reassembles fragmented submessages of at most ``limit`` bytes."""
 
     __slots__ = ("_skip", "_whole", "limit")
 
     def __init__(self, limit: int = MAX_MESSAGE) -> None:
         self.limit = limit
-        # One buffer, not a list of parts. Attack: millions of fragments of one byte or none, whose
-        # objects would take many times the memory of their bytes, which the limit counts.
+        # One buffer, not a list of parts. That prevents this attack: millions of fragments of one
+        # byte or none, whose objects would take many times the memory of the bytes that the limit
+        # counts.
         self._whole: "bytearray" = _NOTHING
-        self._skip = False  # the rest of a submessage that is not whole
+        self._skip = False  # whether to drop the rest of an incomplete submessage
 
     @property
     def pending(self) -> int:
-        """Bytes kept of a submessage that is not whole yet."""
+        """Number of bytes kept of an incomplete submessage."""
         return len(self._whole)
 
     def export(self) -> "tuple[bytearray, bool]":
@@ -347,15 +351,15 @@ class Fragments:
         return self._whole, self._skip
 
     def restore(self, whole: "bytearray", skip: bool) -> None:
-        """Go on from what `export` returned; the buffer is taken, not copied."""
+        """Set the state to what `export` returned; the buffer is used, not copied."""
         self._whole = whole
         self._skip = skip
 
     def add(self, part: "Buffer", last: int) -> "bytearray | None":
-        """The whole submessage, header included, after its last fragment.
+        """Add a fragment; return the whole submessage, header included, after the last one.
 
-        Raises :class:`~uros.wire.errors.LimitError` where the whole passes
-        ``limit``; that submessage's other fragments are then dropped.
+        Raises:
+            LimitError: The submessage is longer than ``limit``; its other fragments are dropped.
         """
         if self._skip:
             self._skip = not last
@@ -369,22 +373,22 @@ class Fragments:
         return whole if last else None
 
     def drop(self, last: int = True) -> None:
-        """Forget what has come, and where ``last`` is not true, also what still comes of it.
+        """Drop the fragments received, and unless ``last``, also those that follow.
 
-        Allocates nothing: a part may have found no memory.
+        Allocates nothing, because it is also called when there is no memory for a fragment.
         """
         self._skip = not last
         self._whole = _NOTHING
 
     def interrupt(self) -> None:
-        """Messages were lost: drop an unfinished submessage and what still comes of it."""
+        """Handle the loss of messages: drop an incomplete submessage, with fragments to come."""
         self.drop(not (self._skip or self._whole))
 
 
 def split(size: int, room: int) -> "list[tuple[int, int, int]]":
-    """How ``size`` bytes of one submessage go out in fragments of ``room`` bytes.
+    """Return how ``size`` bytes of one submessage are split into fragments of ``room`` bytes.
 
-    A list of ``(start, stop, flags)``, the last with FLAG_LAST_FRAGMENT.
+    The result is a list of ``(start, stop, flags)``, the last with FLAG_LAST_FRAGMENT.
     Fragments before the last are a multiple of 4 long, so that C clients find
     the next header aligned.
     """
