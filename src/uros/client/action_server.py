@@ -60,8 +60,10 @@ _REJECTED: Final = 1
 _UNKNOWN_GOAL: Final = 2
 _TERMINATED: Final = 3
 
-# Most pending requests for the result of one goal. Attack: a client repeats the request.
+# Most pending requests for the result of one goal. The limit prevents this attack: a client that
+# repeats the request without end.
 _MOST_ASKED: Final = 8
+# Longest pause of a goal's work, and the first result timeout that means no limit, in seconds.
 _LONGEST_S: Final = 500000
 
 
@@ -339,7 +341,7 @@ class ActionServer(End):
         return ticks_diff(goal._end, now) + self._keep_ms
 
     def execute(self, new: bool) -> None:
-        """Handle a request, if there is one, and do one step of one goal, in turn."""
+        """Handle a request, if there is one, and do one step of one goal, round robin."""
         self.attempt(super().execute, True)
         now = self.node.clock.ms()
         for i in range(len(self.goals)):
@@ -444,7 +446,7 @@ class ActionServer(End):
     # --- status and feedback ------------------------------------------------------------------
 
     def _say(self) -> None:
-        """Publish the states of all goals, now or as soon as there is room."""
+        """Publish the states of all goals, now or as soon as they can be sent."""
         self._status_pending = True
         if self.states.created:
             self._status_pending = self.attempt(self._publish_status) is False

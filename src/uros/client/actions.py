@@ -97,7 +97,8 @@ class End:
     def is_ready(self, now: int) -> bool:
         """Return whether one of the parts is ready."""
         ready = False
-        for part in self.parts:  # all of them: a service's is_ready sends replies that had no room
+        # Every part is asked, because is_ready of a service also sends its queued replies.
+        for part in self.parts:
             if part.is_ready(now):
                 ready = True
         return ready

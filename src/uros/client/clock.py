@@ -7,7 +7,7 @@ try:
 except ImportError:  # MicroPython
     pass
 
-# A correction beyond this is made at once, also backwards: the agent's own clock was set.
+# A correction beyond this is made at once, also backwards, because the agent's own clock was set.
 STEP_US: Final = 1000000
 
 
@@ -26,7 +26,7 @@ class Clock:
         self.high = self.low = 0
         self._last = self.us()
         self._us = 0
-        self._ahead = 0  # microseconds by which the time is ahead and still to be slowed
+        self._ahead = 0  # microseconds by which the time is ahead, removed by running slower
 
     # Ticks in milliseconds and in microseconds, modulo 2^30; sleep for some milliseconds.
     ms = staticmethod(ticks_ms)

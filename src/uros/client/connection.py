@@ -38,11 +38,14 @@ _BURST: Final = 16
 # Number of replies for the first synchronization, which uses the one with the shortest round trip;
 # later ones must be about as fast.
 _FIRST_TIMES: Final = 3
-_TIME_RETRY_MS: Final = 100  # doubled at each retry, for slow lines
+# Time until the first retry of a TIMESTAMP. It is doubled at each retry, for slow links.
+_TIME_RETRY_MS: Final = 100
+# Longest time until a retry, and the time until each one after the first synchronization.
 _TIME_AGAIN_MS: Final = 2000
+# Time from one synchronization to the next.
 _TIME_PERIOD_MS: Final = 30000
-# A reply whose round trip is longer by this than the best one is rejected. Each rejection raises
-# the limit a little: the line may have become slower permanently.
+# A reply whose round trip is longer by _QUICK_US than the best one is rejected. Each rejection
+# raises the limit by _LESS_CHOOSY_US, because the link may have become slower permanently.
 _QUICK_US: Final = 3000
 _LESS_CHOOSY_US: Final = 300
 _CREATE_FLAGS: Final = ids.FLAG_LITTLE_ENDIAN | ids.FLAG_REUSE | ids.FLAG_REPLACE
@@ -51,8 +54,9 @@ _CREATE_FLAGS: Final = ids.FLAG_LITTLE_ENDIAN | ids.FLAG_REUSE | ids.FLAG_REPLAC
 # start the probe again, and never be answered.
 _TAKEOVER_MS: Final = 1000
 # Most unanswered requests until all entities are created. eProsima's agent drops a STATUS while 15
-# of its messages are not acknowledged, and reads our ACKNACK only after the requests before it:
-# half of 15. Later a STATUS may be dropped because of a busy topic, but nothing waits for it then.
+# of its messages are not acknowledged, and reads our ACKNACK only after the requests before it, so
+# the limit is half of 15. Later a STATUS may be dropped because of a busy topic, but nothing waits
+# for it then.
 _UNANSWERED: Final = 7
 
 
@@ -61,7 +65,7 @@ class Connection(Session):
 
     ``connections`` counts the sessions that reached AGENT_CONNECTED, ``unconfirmed`` the messages
     not acknowledged when an agent was lost, ``oom_count`` the steps skipped for lack of memory,
-    whose messages are lost as on a faulty line. ``reason`` says why the last agent was lost.
+    whose messages are lost as on a faulty link. ``reason`` says why the last agent was lost.
 
     Args:
         transport: See :class:`~uros.client.protocols.Transport`.
@@ -225,7 +229,7 @@ class Connection(Session):
         self._answered = self.clock.ms()
         known = request_id in self._awaited
         entity = self._awaited.pop(request_id, None)
-        # A refused DELETE is no fault: the object was not there.
+        # A refused DELETE is no fault, because the object was not there.
         if status >= ids.STATUS_ERR_DDS_ERROR and (entity is not None or not known):
             for receiver in self._by_id.values():
                 if receiver.on_refused(request_id):

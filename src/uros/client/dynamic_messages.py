@@ -149,7 +149,8 @@ def _get(
             inner = letters[at:stop]
             at = stop + 1
             count, o = _get_number("I", buf, o, start, end, order)
-            if count > end - o:  # Attack: a count of four billion. An item has one octet at least.
+            # An item has at least one octet. This prevents an attack by a count of four billion.
+            if count > end - o:
                 raise ValueError("%d items in %d octets" % (count, end - o))
             value: "Any" = []
             if inner == "B":

@@ -27,8 +27,8 @@ except ImportError:  # MicroPython
     pass
 
 _RELIABLE_KEEP_LAST: Final = ids.QOS_RELIABLE | ids.QOS_KEEP_LAST
-# Receive queues exceed the depth by two windows: a reliable stream delivers what it held back for a
-# missing message at once.
+# Receive queues exceed the depth by two windows, because a reliable stream delivers all messages at
+# once that it held back for a missing one.
 _BURST: Final = 32
 _RING: Final = WINDOW - 1
 # Offsets of a message's two ids, and of the sample.
@@ -153,7 +153,7 @@ class Publisher(Entity):
         """Send a message; never wait.
 
         Returns:
-            False if the message was dropped: there is no connection, or no room in the queue.
+            False if the message was dropped: there is no connection, or the send queue is full.
 
         Raises:
             TypeError: The message is of another type.
@@ -300,7 +300,7 @@ class Service(_Receiver):
         callback: "Callable[[Any, Any], Any]",
     ) -> None:  # fmt: skip
         self.callback = callback
-        self._answer: "Any" = None  # (identity, response) not sent yet for lack of room
+        self._answer: "Any" = None  # (identity, response) for which the send queue was full
         super().__init__(node, name, type, qos)
 
     def on_lost(self) -> None:
@@ -320,7 +320,7 @@ class Service(_Receiver):
             self._keep((bytes(buf[start:body]), request))
 
     def is_ready(self, now: int) -> bool:
-        """Send a reply that had no room before; return whether a request can be handled."""
+        """Send a reply if the queue was full before; return whether a request can be handled."""
         if self._answer is not None:
             try:
                 self._reply()

@@ -22,9 +22,9 @@ ALWAYS: Final = 1
 
 # Longest wait, so that it fits any platform's integers.
 _LONGEST_MS: Final = 60000
-# Longest time between two calls of a trigger, which may depend on anything: rclc's default.
+# Longest time between two calls of a trigger, whose result may change at any time: rclc's default.
 _TRIGGER_MS: Final = 100
-_NS: Final = 1000000  # in a millisecond
+_NS: Final = 1000000  # nanoseconds in a millisecond
 
 
 class Executor:

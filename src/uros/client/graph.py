@@ -7,9 +7,9 @@
     if graph.count_subscribers("chatter"): ...
 
 The agent of uros sends the graph to boards that subscribe to it, at most once a second; an agent of
-eProsima does if its participant for the graph runs. No other part of the protocol says who listens:
-without the graph a board does not know whether its publishers are matched. The agent chooses what
-to leave out of long graphs: first what every node has, then services, topics and nodes.
+eProsima does if its participant for the graph runs. No other part of the protocol says who listens,
+so without the graph a board does not know whether its publishers are matched. The agent shortens
+long graphs: it leaves out first what every node has, then services, topics and nodes.
 """
 
 from ..wire import ids

@@ -11,7 +11,7 @@ try:
 except ImportError:  # MicroPython
     pass
 
-# Longest wait for the agent: the wait does not end when an interrupt sets the flag.
+# Longest wait for the agent, because the wait does not end when an interrupt sets the flag.
 LATENCY_MS: Final = 20
 
 

@@ -55,7 +55,7 @@ class LatchedPublisher(Publisher):
 
     def next_deadline(self) -> "int | None":
         """Return the ticks of the pending call, or None while not connected."""
-        # None while it cannot be called, or waiting for the agent would become busy waiting.
+        # While not connected, a deadline that has passed would turn the wait into busy waiting.
         connected = self.created and self.node.connection.state == AGENT_CONNECTED
         return self._due if connected else None
 

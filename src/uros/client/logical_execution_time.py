@@ -6,9 +6,9 @@
     Period(node, 0.01).spin()
 
 With a :class:`LetExecutor` a round reads the inputs that were there when it began, and its messages
-are sent when it has ended: however long callbacks take, none receives what another published in the
-same round, neither locally nor from the network. With a :class:`Period` the messages are sent at
-the end of the period. On a host without an agent samples are sent at once.
+are sent when it has ended. So however long callbacks take, none receives what another published in
+the same round, neither locally nor from the network. With a :class:`Period` the messages are sent
+at the end of the period. On a host without an agent samples are sent at once.
 """
 
 from .executor import Executor, Timer
@@ -47,7 +47,7 @@ class _Cork:
     def send(self, message: "Any", size: int) -> None:
         if not self.holding or message[1] == 0:
             self._line.send(message, size)
-        elif self._size + size <= self._limit:  # otherwise it is lost, as on any full line
+        elif self._size + size <= self._limit:  # otherwise it is lost, as on an overloaded link
             self._size += size
             self._messages.append(bytes(memoryview(message)[:size]))
 

@@ -6,7 +6,7 @@ Declarations for type checkers and readers only: boards never import this module
   :class:`uros.client.connection.Connection`, a session with an agent, and
   :class:`uros.host.direct.Direct`, a host's own participants on the ROS network.
 * `ConnectedEntity` is what such a connection needs of the entities added to it.
-* `Transport` is the board's end of a line, which a ``Connection`` uses.
+* `Transport` is the board's end of the link to its agent, which a ``Connection`` uses.
 """
 
 try:
@@ -16,20 +16,20 @@ try:
     from .clock import Clock
 
     class Transport(Protocol):
-        """The board's end of a line; message-oriented: framing is hidden."""
+        """The board's end of the link to its agent; message-oriented: framing is hidden."""
 
         mtu: int
         """The largest message, in bytes."""
 
         def open(self) -> None:
-            """Open the line.
+            """Open the link.
 
             Raises:
-                OSError: The line is not available now; the caller retries later.
+                OSError: The link is not available now; the caller retries later.
             """
 
         def close(self) -> None:
-            """Close the line; idempotent."""
+            """Close the link; idempotent."""
 
         def send(self, message: "Buffer", size: int) -> None:
             """Send the first ``size`` bytes, or lose them; never block.
@@ -37,14 +37,14 @@ try:
             The caller may reuse the buffer afterwards.
 
             Raises:
-                OSError: The line has failed.
+                OSError: The link has failed.
             """
 
         def receive(self, timeout_ms: int) -> "bytes | None":
             """Return the next message; wait for it at most ``timeout_ms``.
 
             Raises:
-                OSError: The line has failed.
+                OSError: The link has failed.
             """
 
     class ConnectedEntity(Protocol):
@@ -125,7 +125,7 @@ try:
                 reliable: Whether to use the reliable stream.
 
             Returns:
-                The request id, or 0 if there is no room now; then nothing was sent.
+                The request id, or 0 if the message cannot be sent or queued now.
             """
 
         def transient_local(self, depth: int) -> "Any":

@@ -36,16 +36,18 @@ ERROR: Final = 40
 FATAL: Final = 50
 _NAMES: Final = "DEBUG INFO WARN ERROR FATAL"
 
-# Lines kept while there is no agent; with an agent one line each 50 ms is sent, and bursts of
-# _AT_ONCE lines.
+# Most lines kept while there is no agent.
 _QUEUE: Final = 8
+# With an agent one line each _EACH_MS is sent, and bursts of _AT_ONCE lines.
 _EACH_MS: Final = 50
 _AT_ONCE: Final = 32
 # Characters of a line sent to /rosout; the console gets all of it.
 _LONGEST: Final = 1024
-# Most texts remembered for "once" and the other options; Attack: texts that never repeat.
+# Most texts remembered for "once" and the other options. The limit prevents this attack: texts that
+# never repeat.
 _FILTERS: Final = 32
-_LEVELS: Final = 32  # most loggers with a level of their own; Attack: ever new names
+# Most loggers with a level of their own. The limit prevents this attack: ever new names.
+_LEVELS: Final = 32
 _LIFESPAN_MS: Final = 10000
 
 
@@ -169,7 +171,7 @@ class Rosout:
         self.logger = Logger(space + "." + node.name if space else node.name, self)
         self._queue: "list[Any]" = []  # (ticks, name, text, severity)
         self._reported = 0  # part of left_out that was logged
-        self._free = node.clock.ms()  # rate limit: when all lines sent have had their 50 ms
+        self._free = node.clock.ms()  # for the rate limit: each line sent adds 50 ms
         self._filters: "list[list[Any]]" = []  # text, last time, skipped, logged
         qos = QoSProfile(
             1000, durability=DurabilityPolicy.TRANSIENT_LOCAL, lifespan_ms=_LIFESPAN_MS

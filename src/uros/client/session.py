@@ -34,16 +34,17 @@ LAST_SESSION_ID: Final = 0xFE
 # Smaller request ids are reserved (XRCE 7.7.3.1).
 FIRST_REQUEST: Final = 10
 DELETE_CLIENT_REQUEST: Final = 9  # ends the session
-# Sizes of a message header, of that and a submessage header, and of both and a request's two ids.
+# Offsets in a message: of its submessage header, of a request's two ids, and of the sample.
 _SUBHEADER: Final = 4
 _IDS: Final = 8
 _SAMPLE: Final = 12
 # Longest request, unless the MTU is larger. A request for an object with long names does not fit
 # the 63 bytes of a CAN frame and is sent in fragments.
 MAX_REQUEST: Final = 512
-# Bit mask of the ring of slots, and of buffer lengths, which are multiples of 32: a sample slightly
-# longer than the one before fits the same buffer.
+# Bit mask of the ring of slots.
 _RING: Final = WINDOW - 1
+# Bit mask of buffer lengths, which are multiples of 32, so that a sample slightly longer than the
+# one before fits the same buffer.
 _ROUND: Final = 31
 # Shortest valid payload of each submessage kind that agents send; shorter ones are malformed.
 _LEAST: Final = b"\0\0\0\0\1\6\6\0\0\4\5\5\0\0\0\30"
@@ -130,9 +131,9 @@ class Session:
         # Idle buffers are a stack of ``free`` entries, from index 1 on; index 0 is None.
         self._idle: "list[bytearray | None]" = [None] * (WINDOW + 1)
         self.free = 0
-        # For publishers: that stack while samples may be written and the last one was sent at once
-        # in one message, so that the next one will be if it fits the top buffer. Otherwise a stack
-        # of None.
+        # For publishers. It is the stack of idle buffers while samples may be written and the last
+        # one was sent at once in one message; the next one will be, too, if it fits the top buffer.
+        # Otherwise it is a stack of None.
         self.stack: "Any" = self._nothing
         # Buffer of messages that are never resent, and of requests under construction.
         self._spare = bytearray(_ROUND + 1)

@@ -17,8 +17,8 @@ class StatusLed:
         node: The node.
         led: A pin, or another object with ``value(level)``. It is toggled ten times a second while
             not connected.
-        say: Gets a line each time that an agent is found, and one with the reason when there is
-            none, again when the reason changes.
+        say: Called with a line of text each time that an agent is found, and with the reason when
+            there is none, again when the reason changes.
     """
 
     def __init__(self, node: "Any", led: "Any", say: "Callable[[str], object]" = print) -> None:

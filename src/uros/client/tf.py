@@ -84,7 +84,7 @@ class StaticTransformBroadcaster:
         """Keep a transform, or a list of them, and send all that are kept.
 
         Returns:
-            False if they are sent later, when there is an agent and room.
+            False if they are sent later: there is no agent, or the send queue is full.
         """
         for message in _listed(transform):
             octets = bytearray(message.cdr_size())

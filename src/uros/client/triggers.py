@@ -23,7 +23,7 @@ def trigger_all(handles: "list[Any]", ready: "list[bool]") -> bool:
 
 
 def trigger_always(handles: "list[Any]", ready: "list[bool]") -> bool:
-    """Begin every round; handles with ALWAYS are called even without news.
+    """Begin every round; handles with ALWAYS are called even if they are not ready.
 
     A round takes place when something is ready, and whenever a spin's time is up.
     """

@@ -32,9 +32,10 @@ _BATCH: Final = 32
 _NUMBERS: Final = 0xFFFF
 # Delay before a reply that the middleware could not take is sent again.
 _RETRY_MS: Final = 5
+# Octets of a GUID.
 _GUID: Final = 16
-# Attack: a flood of malformed samples, or of replies to no request. The limit is the number of
-# takes in a row that return only such samples.
+# Most takes in a row that return only malformed samples, or replies to no request. The limit
+# prevents this attack: a flood of such samples.
 _MAX_MISSES: Final = 4
 
 
@@ -55,7 +56,7 @@ class _Endpoint(Protocol):
     """An entity's endpoint at the middleware."""
 
     def write(self, message: Any, prefix: bytes) -> int:
-        """Send; return the request's number, or 1; 0 if the middleware has no room now."""
+        """Send a message; return the number of a request, else 1, or 0 if it cannot be sent now."""
 
     def close(self) -> None: ...
 
@@ -105,7 +106,7 @@ class _ReceivingEndpoint:
                 self._deliver(prefix, sample)
             if self._entity._queue:
                 break
-        return True  # more samples may be ready; other endpoints have their turn first
+        return True  # more samples may be ready; other endpoints are served before they are taken
 
     def _deliver(self, prefix: bytes, sample: bytes) -> None:
         if sample[0] or sample[1] > 1:  # no plain CDR
@@ -272,7 +273,7 @@ class Direct(NodeConnection):
         self._nodes: dict[Any, base.Node] = {}
         self._endpoints: dict[int, _Endpoint] = {}  # by the entity's number
         self._waiting: set[_ReceivingEndpoint] = set()  # endpoints that may have more samples
-        self._stalled = False  # a reply waits for room at the middleware
+        self._stalled = False  # whether the middleware could not send a reply, which is retried
         self._conflicts: set[tuple[str, str, str]] = set()
         middleware.on_type_conflict = self._type_conflict
         atexit.register(self.close)
@@ -338,7 +339,7 @@ class Direct(NodeConnection):
             endpoint.close()
 
     def write(self, object_id: int, message: Any, prefix: bytes, reliable: bool | int) -> int:
-        """Send a message without waiting; return its request id or 1, 0 if it cannot be sent."""
+        """Send a message without waiting; return as `_Endpoint.write` does."""
         endpoint = self._endpoints.get(object_id >> 4)
         if endpoint is None:
             return 0

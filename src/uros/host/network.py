@@ -21,10 +21,12 @@ from .interrupt import Interrupt
 DISCOVERY_SECONDS: Final = 4.0
 # Seconds without changes after which the graph is complete.
 _QUIET: Final = 0.25
-# The same while there is no other participant, or one without endpoints: a Fast DDS participant
-# announces them again a second after discovery if the first announcement was lost.
+# The same while there is no other participant, or one without endpoints, because a Fast DDS
+# participant announces them again a second after discovery if the first announcement was lost.
 _SLOW: Final = 1.25
+# Seconds without changes after which missing discovery info is read again.
 _ASK_AGAIN: Final = 0.1
+# Most samples taken at once.
 _BATCH: Final = 64
 
 
