@@ -123,7 +123,7 @@ class Resolver:
         return name in self.modules or any(other.startswith(name + ".") for other in self.modules)
 
     def advice(self, name: str) -> str:
-        """The error text for a module that nothing provides: the fault and its remedy."""
+        """Return the error text for a module that nothing provides: the fault and its remedy."""
         top = name.partition(".")[0]
         if name in ABSENT or top in ABSENT:
             return (
@@ -168,9 +168,9 @@ class Resolver:
             self.check_uros_names(wanted, importer)
 
     def check_uros_names(self, wanted: Wanted, importer: Module) -> None:
-        """Raise MissingModule where the program imports a name that its module never binds.
+        """Raise MissingModule if the program imports a name that its module never binds.
 
-        `tree_shake` would drop such a module, since nothing uses it.
+        Otherwise `tree_shake` would drop such a module, since nothing uses it.
         """
         module = self.modules.get(wanted.module)
         if module is None:
@@ -190,7 +190,7 @@ class Resolver:
             raise MissingModule(f"{_location(importer, wanted)}: {text}")
 
     def name_hint(self, module: Module, name: str, names: set[str]) -> str:
-        """A hint for a name that a module lacks: the submodule that has it, or close names."""
+        """Return a hint for a name that a module lacks: a submodule with it, or close names."""
         submodules = self.uros_submodules(module.name) if module.package else []
         for submodule in submodules:
             file = self.uros_file(f"{module.name}.{submodule}")
@@ -201,7 +201,7 @@ class Resolver:
         return _did_you_mean(name, public.union(submodules))
 
     def module_hint(self, name: str) -> str:
-        """Close names for the first part of a module's dotted name that does not exist."""
+        """Return close names for the first part of a module's dotted name that does not exist."""
         parts = name.split(".")
         for length in range(2, len(parts) + 1):
             parent = ".".join(parts[: length - 1])
@@ -220,7 +220,7 @@ class Resolver:
         ]
 
     def uros_file(self, name: str) -> Path | None:
-        """The file of a module of uros; None if there is no such module."""
+        """Return the file of a module of uros; None if there is no such module."""
         base = SOURCE.joinpath(*name.split(".")[1:])
         for file in (base.with_suffix(".py"), base / "__init__.py"):
             if file.is_file():
@@ -262,7 +262,7 @@ class Resolver:
                     )
                 self.types.setdefault(registry.file_type(full), importer)
             return
-        # The import binds the module itself: its types that are named as attributes are needed.
+        # The import binds the module itself, so its types that are named as attributes are needed.
         attributes = {n.attr for n in ast.walk(importer.tree) if isinstance(n, ast.Attribute)}
         for kind in kinds:
             for name in attributes.intersection(registry.names_in(parts[0], kind)):
@@ -299,7 +299,7 @@ def _did_you_mean(name: str, known: Iterable[str]) -> str:
 
 
 def _bound_names(module: Module) -> set[str]:
-    """All names that a module may bind, conditional bindings included."""
+    """Return all names that a module may bind, conditional bindings included."""
     names = set(bound(module.tree.body))
     for node in ast.walk(module.tree):
         if isinstance(node, ast.Global):
@@ -308,7 +308,7 @@ def _bound_names(module: Module) -> set[str]:
 
 
 def _type_checking_lines(module: Module) -> set[int]:
-    """The lines of imports under ``if TYPE_CHECKING:``, which never run on a board."""
+    """Return the lines of imports under ``if TYPE_CHECKING:``, which never run on a board."""
     return {
         inner.lineno
         for node in ast.walk(module.tree)
@@ -321,7 +321,7 @@ def _type_checking_lines(module: Module) -> set[int]:
 
 
 def _moved_advice(name: str) -> str:
-    """The advice for a name of uros that has moved; "" if it has not."""
+    """Return the advice for a name of uros that has moved; "" if it has not."""
     text = moved.advice(name)
     return text + ("" if not text or is_portable(text.split()[-1]) else ", which is for hosts")
 

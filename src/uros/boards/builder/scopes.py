@@ -157,7 +157,7 @@ class Renaming(Scopes):
     """Renames names of a module by `name`, wherever they are bound or read."""
 
     def name(self, name: str) -> str:
-        """Return the new form of a name; the name itself where it stays. Subclasses define it."""
+        """Return the new form of a name, or the name itself to keep it. Subclasses define it."""
         raise NotImplementedError
 
     def visit_Name(self, node: ast.Name) -> ast.AST:

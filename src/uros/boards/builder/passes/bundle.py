@@ -6,8 +6,8 @@ stays as a re-exporting module: one line that imports its names from the bundle.
 
 The program's own modules are not bundled. In the bundle such a module would have another
 ``__name__``, other globals and another time at which it runs, and names that other modules set in
-it (``app.x = 1``) would be lost. For the same reason a bundle is refused where the program sets a
-name of a module of uros, or uses such a module for anything but reading a name of it.
+it (``app.x = 1``) would be lost. For the same reason a bundle is refused if the program sets a name
+of a module of uros, or uses such a module for anything but reading a name of it.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ BUNDLE: Final = "uros._all"
 
 
 class NotBundled(Exception):
-    """The modules cannot become one; the text says where and why."""
+    """The modules cannot become one; the text names the file, the line and the reason."""
 
 
 def bundle(modules: dict[str, Module]) -> dict[str, Module]:
     """Return the program's modules, the bundle, and the re-exporting modules.
 
     Raises:
-        NotBundled: A module is set a name, or is used as a value.
+        NotBundled: The program sets a name of a module of uros, or uses a module as a value.
     """
     ordered = _in_order(modules)
     parts = {module.name: module for module in ordered if not module.own}
@@ -145,7 +145,7 @@ class _BundleNames:
         self.modules = modules
         self.parts = parts
         self.new: dict[tuple[str, str], str] = {}  # (module, its name) -> name in the bundle
-        # (module, its name) -> (module that it is imported from, name there)
+        # (module, its name) -> (module from which it imports the name, name there)
         self.imported_names: dict[tuple[str, str], tuple[str, str]] = {}
         # Name in the bundle -> its meaning. A name of one module must not hide a builtin of the
         # same name from the others.

@@ -13,7 +13,7 @@ from ..scopes import Scopes, bound, times_bound
 
 Scalar = int | bool | str | bytes
 LONGEST: Final = 16
-"""Longest text or bytes to replace a name: copies of longer ones would cost more memory."""
+"""Longest text or bytes to replace a name; copies of longer ones would cost more memory."""
 
 
 def inline_constants(modules: dict[str, Module]) -> None:
@@ -39,7 +39,7 @@ def inline_constants(modules: dict[str, Module]) -> None:
     while changed:
         changed = False
         for module in library:
-            # A constant may depend on others: one more round for each level.
+            # A constant may depend on others, so each level of dependence takes one more round.
             once = times[module.name]
             constants = _constants(
                 module, _visible_constants(module, known, classes, once), once, stored
@@ -185,7 +185,7 @@ _BINARY: Final[dict[type[ast.operator], Callable[[int, int], int]]] = {
 
 
 class _Inline(Scopes):
-    """Replaces names by values, where no inner scope binds the name."""
+    """Replaces names by values, unless an inner scope binds the name."""
 
     def __init__(self, visible: _Visible) -> None:
         super().__init__()
@@ -234,7 +234,7 @@ class _Fold(ast.NodeTransformer):
     def visit_Attribute(self, node: ast.Attribute) -> ast.AST:
         if ast.unparse(node) == "sys.implementation.name":
             return ast.copy_location(ast.Constant("micropython"), node)
-        if ast.unparse(node) == "sys.byteorder":  # of every board with a MicroPython port
+        if ast.unparse(node) == "sys.byteorder":  # little on every board with a MicroPython port
             return ast.copy_location(ast.Constant("little"), node)
         return self.generic_visit(node)
 
@@ -264,7 +264,7 @@ class _Fold(ast.NodeTransformer):
         for i, value in enumerate(node.values):
             known = _truth(value)
             if known is not None and known != ends and i + 1 < len(node.values):
-                continue  # neutral operand, and not the last one
+                continue  # a neutral operand, which is not the last one
             values.append(value)
             if known == ends:
                 break

@@ -1,7 +1,7 @@
 """Replaces the only call of a method by the body of the method.
 
-A method costs a board some 50 bytes besides its body. A method is inlined if its class calls it in
-one place, as a statement, and no other code can name it: its parameters and variables become
+A method costs a board some 50 bytes besides its body. A method is inlined if its class has only one
+call of it, which is a statement, and no other code can name it. Its parameters and variables become
 variables of the caller.
 
 A call is inlined only if the result is provably the same:
@@ -10,9 +10,8 @@ A call is inlined only if the result is provably the same:
   ``del``, no import, no ``raise`` without an error. The first parameter of both is ``self``, and
   neither binds ``self`` again.
 - Arguments are evaluated at the call, in their order, into variables of their own. Only a constant
-  or a parameter of the caller is used in place of the method's parameter: the method cannot change
-  it, and it is always bound. A global cannot be used so, since it may be rebound between the call
-  and its use.
+  or a parameter of the caller replaces the method's parameter, because the method cannot change it,
+  and it is always bound. A global does not, since it may be rebound between the call and its use.
 - Each variable of the method is bound before it is read, on every path (`_is_bound_first`).
   Otherwise an iteration of a loop in the caller could read what the previous one left there.
 - The method returns no value, and does not return from within a loop, a ``try`` or a ``with``.
@@ -52,7 +51,7 @@ def _inline_one(tree: ast.Module, fixed: set[str]) -> bool:
     for node in ast.walk(tree):
         if isinstance(node, ast.Attribute):
             uses[node.attr] = uses.get(node.attr, 0) + 1
-        elif isinstance(node, ast.Name):  # a class body names its own methods so
+        elif isinstance(node, ast.Name):  # a class body refers to its own methods by name
             uses[node.id] = uses.get(node.id, 0) + 1
         elif isinstance(node, ast.ClassDef):
             for name in bound(node.body):

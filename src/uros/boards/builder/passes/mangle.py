@@ -2,9 +2,9 @@
 
 A new name costs a board some 20 bytes, a name that MicroPython itself uses costs none, and one of
 two letters costs half. The pass renames parameters that no call names, and attributes, functions
-and classes that neither the program nor a module beside the bundle names; exceptions are never
-renamed. A traceback shows the new names. As in `tree_shake`, a name that is put together at run
-time is not seen.
+and classes that neither the program nor another module outside of the bundle names; exceptions are
+never renamed. A traceback shows the new names. As in `tree_shake`, a name that the program composes
+at run time is not found.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ _IN_FIRMWARE: Final = (
 
 
 def mangle(bundled: Module, others: Iterable[Module]) -> None:
-    """Rename names of the bundle ``bundled``; ``others`` are all modules beside it."""
+    """Rename names of the bundle ``bundled``; ``others`` are all modules outside of it."""
     others = list(others)
     fixed = known_names(bundled.tree, others)
     _drop_aliases(bundled.tree, fixed)
@@ -72,7 +72,7 @@ def mangle(bundled: Module, others: Iterable[Module]) -> None:
 
 
 def _free_names(trees: list[ast.Module]) -> list[str]:
-    """Return names that the bundle has anyway, and that are no attribute of anything."""
+    """Return names that the bundle contains in any case, and that no attribute has."""
     present: set[str] = set()
     taken: set[str] = set()
     for node in ast.walk(trees[0]):
@@ -273,7 +273,7 @@ def _rename_members(node: ast.ClassDef, new: dict[str, str]) -> None:
 
 
 def _rename_globals(tree: ast.Module, fixed: set[str]) -> None:
-    """Rename functions, classes and values of the bundle to names that the bundle has anyway."""
+    """Rename functions, classes and values of the bundle to names that it contains in any case."""
     own_classes = {node.name for node in tree.body if isinstance(node, ast.ClassDef)}
     renamed = set()
     for node in tree.body:

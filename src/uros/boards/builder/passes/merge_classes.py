@@ -1,13 +1,13 @@
 """Merges a base class with its only subclass, if only the subclass names the base.
 
 A class costs a board 150 bytes, and each look-up that goes from a subclass to its base takes time.
-The subclass keeps its name and place. A method of the base that the subclass calls by ``super()``
-becomes a method of another name.
+The subclass keeps its name and its position in the module. A method of the base that the subclass
+calls by ``super()`` becomes a method of another name.
 
 Two classes are merged only if the result is provably the same:
 
 - Both class bodies only bind methods and constants with one target. The values of the constants use
-  no name of the class or of the module. So it does not matter when and in which body they are
+  no name of the class or of the module, so it does not matter when and in which body they are
   evaluated, nor that a constant which the subclass overrides is not evaluated at all.
 - Each body binds each name once, except a property with its setter. A name that both bind is a
   plain method in both, or a constant in both.

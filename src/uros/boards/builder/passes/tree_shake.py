@@ -11,8 +11,8 @@ modules of uros and of interfaces:
 - Every method of a class is live if a base of the class is not of uros, since that base may call
   it.
 
-A name that is put together at run time cannot be seen: name it in ``roots``. Imports and plain
-assignments are assumed to do nothing but bind their names.
+A name that the program composes at run time is not found, and must be given in ``roots``. Imports
+and plain assignments are assumed to do nothing but bind their names.
 """
 
 from __future__ import annotations
