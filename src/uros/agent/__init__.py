@@ -1,4 +1,4 @@
-"""The agent: the server that speaks for boards on the ROS 2 network.
+"""The agent: the server through which boards take part in the ROS 2 network.
 
 =================  ================================================================================
 ``agent``          All clients of one agent: admits them, and assigns each message to a client.
@@ -7,9 +7,9 @@
 ``log``            Log lines in the columns of the C++ agent, and limits on how many.
 ``malloc_trim``    Returns freed memory to the system some time after clients have left.
 ``server``         Runs an agent: one thread with its sockets, timers and middleware.
-``watchdog``       Logs where the agent's one thread stands when it hangs.
+``watchdog``       Logs which code the agent's one thread is in when it hangs.
 ``objects``        The objects of a client: how they are described, created, found and deleted.
-``observability``  What a person sees of an agent: messages, captures, snapshots, metrics.
+``observability``  Shows what an agent does: messages, captures, snapshots, metrics.
 ``persistence``    Sessions that survive a restart of the agent (``--state``).
 ``policy``         What clients may do: rules, admission, limits, budgets, and when they are
                    removed.

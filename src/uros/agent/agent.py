@@ -1,10 +1,10 @@
 """All clients of one agent: admits them, and assigns each message to a client.
 
-A session with an id from 0x80 on is found by the sender's address, one with a lower id by the
-client key in every header, whatever the address. An unmatched message, which belongs to no session
-of its sender, can be a CREATE_CLIENT, a ping, or the DELETE of a client that is deleted already.
-All others get no answer, by which micro-ROS clients learn that they must create their session
-again. A message with the key of a client at another address waits for
+A session with an id from 0x80 on is found by the sender's address. One with a lower id is found by
+the client key in every header, whatever the address. An unmatched message, which belongs to no
+session of its sender, can be a CREATE_CLIENT, a ping, or the DELETE of a client that is deleted
+already. All others get no answer, and thus micro-ROS clients learn that they must create their
+session again. A message with the key of a client at another address is handled by
 :mod:`.policy.key_conflict`.
 """
 
@@ -115,7 +115,7 @@ class Agent:
         self.liveliness = Liveliness(self, DEAD_TIME if dead_time is None else dead_time)
         self.key_conflicts = KeyConflicts(self)
         self.line_loss = LineLossMonitor(self)
-        # Call something in so many seconds; nothing is called before :meth:`start`.
+        # Calls a function once, so many seconds from now; calls nothing before :meth:`start`.
         self.wake_at: Callable[[float, Callable[[], None]], None] = lambda seconds, call: None
         self.graphs = Graphs(middleware, self.log)
         middleware.on_type_conflict = self._type_conflict
@@ -160,7 +160,7 @@ class Agent:
         self.attended.add(session)
 
     def failed(self, error: Exception) -> None:
-        """Log an unexpected error; the other boards are served further."""
+        """Log an unexpected error; the agent continues."""
         count = self.faults.admit(f"internal {type(error).__name__}")
         if count:
             frame = error.__traceback__
@@ -188,7 +188,7 @@ class Agent:
     def unmatched(
         self, transport: ServerTransport, peer: Any, buf: bytearray, view: memoryview, length: int
     ) -> None:
-        """Handle a datagram that names no session of this peer."""
+        """Handle a message that belongs to no session of this peer."""
         if self.admission.networks and self._is_outside(transport, peer, view[:length]):
             return
         try:
@@ -198,7 +198,7 @@ class Agent:
             if session_id in (ids.SESSION_NONE_WITH_KEY, ids.SESSION_NONE_WITHOUT_KEY):
                 if kind == ids.CREATE_CLIENT:
                     if stop > start:
-                        r.end = length  # C clients with properties do not count them in
+                        r.end = length  # the length that C clients write leaves out properties
                     self._create_client(transport, peer, r)
                 elif kind == ids.GET_INFO:
                     self._ping(transport, peer, r, session_id, key or 0)
@@ -294,7 +294,7 @@ class Agent:
                 self.session_store.placed(self.clients[key], transport, peer, None)
             return
         status = ids.STATUS_ERR_RESOURCES
-        if self._has_room(key, transport, peer):  # the place may be taken since it asked
+        if self._has_room(key, transport, peer):  # another client may have taken the last place
             status = ids.STATUS_OK
             self._admit(transport, peer, key, request)
         self._answer_create(key, transport, peer, request.session_id, status)
@@ -314,7 +314,7 @@ class Agent:
         self._send(transport, peer, w.finish(), key)
 
     def _is_outside(self, transport: ServerTransport, peer: Any, message: memoryview) -> bool:
-        """Return whether its sender is in no allowed network: then it gets no answer."""
+        """Return whether the sender is in no allowed network, so that it gets no answer."""
         host = transport.host_of(peer)
         if self.admission.admits_host(host):
             return False
@@ -372,7 +372,7 @@ class Agent:
             self.log.info("Root", "create_client", "create", about)
             client.session.heard = self.now()
         else:
-            # The same client again: its streams are reset, its objects stay.
+            # The client exists already: its streams are reset, its objects stay.
             client.session.mtu = mtu
             client.session.heard = self.now()
             client.session.reset()
@@ -403,7 +403,7 @@ class Agent:
     def resume(
         self, key: int, transport: ServerTransport, peer: Any, request: CreateClientRequest
     ) -> ProxyClient:
-        """Create a client of before the agent's start again, without a message from it.
+        """Create a client again that existed before the restart, without a message from it.
 
         The caller has checked that it is admitted.
         """
@@ -446,7 +446,7 @@ class Agent:
     def _confirm_delete(
         self, transport: ServerTransport, peer: Any, r: Reader, session_id: int, key: int
     ) -> None:
-        """Confirm the DELETE of a client that is deleted already, which would wait for it."""
+        """Confirm the DELETE of a client that is deleted already and waits for the answer."""
         request_id, object_id = messages.pull_request(r)
         if object_id & 0x0F != ids.KIND_CLIENT:
             return
@@ -500,7 +500,7 @@ class Agent:
             self.eviction.remove(client, *place)
             place[0].sessions.pop(place[1], None)
             self._left[client.session] = place
-            self.attend(client.session)  # so that it is flushed, whoever has deleted it
+            self.attend(client.session)  # so that the server flushes its last messages
         about = f"client_key: {key_label(key)}"
         self.log.info("Root", "delete_client", "delete", about)
         if place is not None:

@@ -1,7 +1,7 @@
 """Protocols of what the parts of the agent use of it and of each other.
 
 The parts (:mod:`.policy`, :mod:`.persistence`, :mod:`.objects`) import this module, and
-:mod:`.agent` and :mod:`.server` import the parts: so there is no import circle.
+:mod:`.agent` and :mod:`.server` import the parts, so that modules do not import each other.
 """
 
 from __future__ import annotations
@@ -63,19 +63,19 @@ class Persistence(Protocol):
         self, client: ClientState, transport: ServerTransport, peer: Any,
         properties: list[tuple[str, str]] | None,
     ) -> None:  # fmt: skip
-        """A client was created, re-established its session or has another address."""
+        """Record that a client was created, re-established its session or has another address."""
 
     def forget(self, key: int) -> None:
-        """A client was deleted."""
+        """Record that a client was deleted."""
 
     def created(self, client: ClientState, obj: XrceObject, representation: Representation) -> None:
-        """An object was created."""
+        """Record that an object was created."""
 
     def deleted(self, client: ClientState, object_id: int) -> None:
-        """An object was deleted."""
+        """Record that an object was deleted."""
 
     def reading(self, client: ClientState, object_id: int, reading: Reading | None) -> None:
-        """A READ_DATA of an object began; None: it ended."""
+        """Record that a READ_DATA of an object began; None: it ended."""
 
     def keep(self, sessions: Iterable[Session]) -> None:
         """Write what these sessions are about to acknowledge or send."""
@@ -101,7 +101,7 @@ class AgentContext(Protocol):
     attended: set[Session]
     domain_of_agent: int
     domain_override: int | None
-    # Calls something in so many seconds.
+    # Calls a function once, so many seconds from now.
     wake_at: Callable[[float, Callable[[], None]], None]
 
     @property
@@ -152,4 +152,4 @@ class ServerContext(Protocol):
         """The agent that the server runs."""
 
     def wake_at(self, seconds: float, call: Callable[[], None]) -> None:
-        """Call once, so many seconds from now."""
+        """Call ``call`` once, ``seconds`` from now."""

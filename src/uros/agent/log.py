@@ -80,10 +80,10 @@ class Log:
         self._lost = 0
         self._info_limit = TokenBucket(_INFO_BURST, _INFO_RATE)
         self._left_out = 0
-        self._put = 0  # characters, by the one thread
-        self._taken = 0  # and by the other
+        self._put = 0  # characters queued, counted by the logging thread
+        self._taken = 0  # characters written, counted by the writing thread
         self._fd = -1
-        self._torn = False  # the last line is not whole
+        self._torn = False  # whether the last line was written in part only
         self._untaken = 0  # lines that the stream has not taken since the last one
         self._why = ""
         try:
@@ -168,7 +168,7 @@ class Log:
                 self._untaken += 1
                 self._why = error.strerror or str(error)
             else:
-                self.level = 0  # the log has no reader any more; boards must be served further
+                self.level = 0  # nobody reads the log any more; the agent continues without it
 
     def _put_out(self, data: bytes) -> None:
         """Write to the descriptor: the stream's buffer would keep what the disk did not take."""
@@ -217,9 +217,8 @@ def unexpected(error: Exception, where: str = "") -> str:
 class RateLimit:
     """Limits repeated log lines: a flood of bad packets must not become a flood of lines.
 
-    A kind of line is logged ``burst`` times at once and then once in ``seconds``, and
-    :data:`MAX_LINES` of all kinds together in ``seconds``, whether one peer sends the packets or
-    many do.
+    A kind of line is logged ``burst`` times at once and then once in ``seconds``. Of all kinds
+    together, :data:`MAX_LINES` are logged in ``seconds``, even if many peers send the packets.
 
     Args:
         seconds: The time from one line of a kind to the next.

@@ -1,8 +1,9 @@
 """Runs an agent: one thread with its sockets, timers and middleware.
 
-A transport drains its socket and passes messages to sessions. After each burst the loop
-acknowledges, sends and sets timers for the sessions that had something to do. Timers are in a
-heap; the former entry of a timer that was moved is skipped when its time comes.
+In each turn of its loop the thread waits for events. A transport drains a socket that is ready and
+passes the messages to sessions. After such a burst the loop acknowledges, sends and sets timers for
+the sessions that had something to do. Timers are in a heap; the former entry of a timer that was
+moved is skipped when its time comes.
 """
 
 from __future__ import annotations
@@ -25,11 +26,12 @@ from .policy.time_budget import PAUSE
 from .session.session import Session
 from .transports.base import ServerTransport
 
-# How long timers that are due may take in one turn, in seconds.
+# How long timers that are due may take in one turn of the loop, in seconds.
 _MOST_DUE: Final = 0.005
-# Seconds for which a middleware that failed is not called, and how often in a row dispatch() may
-# fail before that: one client may be the cause there.
+# Seconds for which a middleware that failed is not called.
 _AGAIN: Final = 0.1
+# How often in a row dispatch() may fail before it is not called, because one client may be the
+# cause.
 _PATIENCE: Final = 10
 
 
@@ -81,7 +83,7 @@ class Server:
         # The time each client's timer is set to; other heap entries of it are stale.
         self._timers: dict[ProxyClient, float] = {}
         self._message_hooks = agent.message_hooks
-        # A middleware that fails is asked again, but not at once.
+        # A middleware that fails is called again, but not at once.
         self._failures = 0
         self._tick_after = 0.0
         self.turns = 0
@@ -100,7 +102,7 @@ class Server:
     def unmatched(
         self, transport: ServerTransport, peer: Any, buf: bytearray, view: memoryview, length: int
     ) -> None:
-        """Handle a message that names no session of this peer."""
+        """Handle a message that belongs to no session of this peer."""
         if self._message_hooks:
             self._message_hooks(transport, peer, CLIENT, view, length, 0)
         try:
@@ -124,11 +126,11 @@ class Server:
             self.agent.attended.add(session)
 
     def gone(self, transport: ServerTransport, peer: Any) -> None:
-        """Note that the connection of a peer was closed for good."""
+        """Delete the clients of a peer whose connection was closed."""
         self.agent.gone(transport, peer)
 
     def lost(self, transport: ServerTransport) -> None:
-        """Note that the line of a transport was lost and may come back."""
+        """Note that a line of a transport was lost; its clients have some seconds to come back."""
         self.agent.line_loss.lost(transport)
 
     def has_client(self, transport: ServerTransport, peer: Any) -> bool:
@@ -158,11 +160,11 @@ class Server:
         self.agent.log(level, part, function, event, about)
 
     def wake_at(self, seconds: float, call: Callable[[], None]) -> None:
-        """Call once, so many seconds from now."""
+        """Call ``call`` once, ``seconds`` from now."""
         heapq.heappush(self._calls, (self._monotonic() + seconds, next(self._order), call))
 
     def soon(self, call: Callable[[], None]) -> None:
-        """Call once in the server's thread. May be used from any thread."""
+        """Call ``call`` once in the server's thread. May be used from any thread."""
         self._soon.append(call)
         self._wake.set()
 
@@ -172,7 +174,7 @@ class Server:
             self._try(self._soon.popleft())
 
     def _try(self, call: Callable[..., object], *args: Any) -> None:
-        """Call a function; log its errors, so that boards are served further."""
+        """Call a function and log its errors, so that the loop continues."""
         try:
             call(*args)
         except Exception as error:
@@ -209,7 +211,7 @@ class Server:
             ends += [transport.close for transport in self.transports]
             ends += [middleware.close, self._selector.close, self._wake.close]
             for end in ends:
-                self._try(end)  # the others must be closed
+                self._try(end)  # a failure must not keep the others open
                 self.turns += 1
             self.thread = None
 
@@ -236,7 +238,7 @@ class Server:
         """Return when the middleware must be called."""
         try:
             deadline = self.agent.middleware.next_deadline()
-        except Exception as error:  # boards must be served further
+        except Exception as error:  # the loop must continue to serve boards
             self.agent.failed(error)
             deadline = self._tick_after = self._monotonic() + _AGAIN
         if deadline is not None and deadline < self._tick_after:
@@ -271,7 +273,7 @@ class Server:
         for key, _ in ready:
             try:
                 key.data()
-            except Exception as error:  # the other boards must be served further
+            except Exception as error:  # the other boards must be served
                 self.agent.failed(error)
         if deadline is not None:
             self._due(self._monotonic())
@@ -288,13 +290,13 @@ class Server:
     def _due(self, now: float) -> None:
         while self._calls and self._calls[0][0] <= now:
             if self._monotonic() - now > _MOST_DUE:
-                break  # sockets have their turn; the rest follows in the next
+                break  # sockets are served first; the other timers follow in the next turn
             self._try(heapq.heappop(self._calls)[2])
         if now < self._tick_after:
             return
         try:
             self.agent.middleware.tick()
-        except Exception as error:  # likewise: it sends the graph to boards
+        except Exception as error:  # likewise; tick() also sends the graph to boards
             self._tick_after = now + _AGAIN
             if not isinstance(error, MiddlewareError):
                 self.agent.failed(error)

@@ -1,11 +1,11 @@
-"""Logs where the agent's one thread stands when it hangs.
+"""Logs which code the agent's one thread is in when it hangs.
 
-A library that does not return, or a call that takes seconds, stops all boards. No other thread can
-replace that one, but the log can say where it stands and what to do. The watchdog's thread reads
-two fields of the server twice a second; it adds no cost to messages.
+While a library does not return, or a call takes seconds, no board is served. No other thread can
+replace that one, but the log can say which code it is in and what to do. The watchdog's thread
+reads two fields of the server twice a second; it adds no cost to messages.
 
 A call that also holds the GIL stops the watchdog's thread too, and a suspended machine stops all
-threads: both are logged afterwards.
+threads. Both are logged afterwards.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ from .clock import Clock
 from .log import Log
 
 HANG_SECONDS: Final = 2.0
-# How long closing may take after a signal: a library that does not return blocks the exit.
+# How many seconds closing may take after a signal, because a library that does not return blocks
+# the exit.
 END_SECONDS: Final = 10.0
 _CHECK_SECONDS: Final = 0.5
 
@@ -38,9 +39,9 @@ class Watched(Protocol):
     """What the watchdog reads of a server."""
 
     clock: Clock
-    turns: int  # of its loop
-    asleep: bool  # it waits for something to happen
-    thread: int | None  # its ident, while it runs
+    turns: int  # how many turns its loop has had
+    asleep: bool  # whether it waits for an event
+    thread: int | None  # the ident of its thread, while it runs
 
     @property
     def stopping(self) -> bool:
@@ -77,8 +78,8 @@ class Watchdog:
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, name="uros-watchdog", daemon=True)
         self._turn = -1
-        self._since = 0.0  # the turn was new
-        self._seen = 0.0  # the last check
+        self._since = 0.0  # when the turn was new
+        self._seen = 0.0  # when the last check was
         self._told = False
 
     def start(self) -> None:
@@ -98,7 +99,7 @@ class Watchdog:
             self.check(monotonic())
 
     def check(self, now: float) -> None:
-        """Log if the server hangs, or goes on; end the process if closing hangs.
+        """Log if the server hangs, or no longer does; end the process if closing hangs.
 
         Args:
             now: Seconds of a monotonic clock.
@@ -142,7 +143,7 @@ class Watchdog:
 
 
 def standing(frame: FrameType | None) -> tuple[str, str]:
-    """Return where a thread stands, the calls of uros innermost first, and the remedy."""
+    """Return the calls that a thread is in, those of uros innermost first, and the remedy."""
     calls = []
     remedy = ""
     innermost = ""

@@ -1,4 +1,4 @@
-"""What a person sees of an agent: messages, captures, snapshots, metrics.
+"""Shows what an agent does: messages, captures, snapshots, metrics.
 
 =================  =============================================================================
 ``capture``        ``--capture FILE``: every message that passes the agent, both ways, in a file
