@@ -1,9 +1,9 @@
 """One rclpy context, which is one domain, and the thread that waits in its wait set.
 
-rcl waits by level: an entity with something to take is ready again and again. So the thread waits
-only for entities from which something was taken since their ``on_ready`` was called, sleeps until
-the data plane has dispatched what it found, and is taken out of the wait set by a guard condition
-whenever an entity in it must be destroyed.
+rcl's wait set is level-triggered: an entity with something to take is ready again and again. So the
+thread waits only for entities from which something was taken since their ``on_ready`` was called,
+and sleeps until the data plane has dispatched what it found. A guard condition makes it leave the
+wait set when an entity in it must be destroyed.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class EntityListener:
 
 
 class RosDomain:
-    """A domain. All methods are for the data plane's thread, but those of the waiting thread.
+    """A domain. The data plane's thread calls all methods except those of the waiting thread.
 
     Attributes:
         context: rclpy's context.
@@ -50,7 +50,7 @@ class RosDomain:
         self.context = rcl.open_context(domain)
         self._wakeup = wakeup
         self._turn = threading.Condition()
-        # Under the condition:
+        # The condition guards these:
         self._listeners: dict[int, EntityListener] = {}  # by the address of the entity
         self._ready: list[int] = []
         self._waiting = False
@@ -86,13 +86,13 @@ class RosDomain:
             self._interrupt()
 
     def _interrupt(self) -> None:
-        """Holding the condition: have the thread look at its entities again."""
+        """Have the thread collect its entities again; called with the condition held."""
         if self._waiting:
             self._guard.trigger_guard_condition()
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """Keep the thread out of the wait set, whose entities must not be destroyed."""
+        """Keep the thread out of the wait set, so that its entities may be destroyed."""
         with self._turn:
             self._held = True
             self._interrupt()
@@ -118,7 +118,7 @@ class RosDomain:
             self._wakeup.set()
 
     def _wait(self) -> bool:
-        """Wait once; False once the domain is closed."""
+        """Wait once; return False when the domain is closed."""
         with self._turn:
             while (self._held or self._ready) and not self._closed:
                 self._turn.wait()

@@ -31,12 +31,13 @@ from ..services.names import service_name, service_type
 from . import profiles, rcl, types
 from .domain import EntityListener, RosDomain
 
-# Attack: requests that are never answered. Identities kept.
+# The most identities of requests that are kept, because requests may never be answered.
 MAX_UNANSWERED: Final = 1024
-# Takes in a row that may bring nothing: replies to other clients of a service, which all its
-# clients get, as many as the reader of a service keeps.
+# The most takes in a row that may return nothing: all clients of a service get the replies to each
+# of them, and its reader keeps so many.
 _MAX_MISSES: Final = 10
-# Half of the 100 ms for which Fast DDS waits for room. Seconds.
+# A write that took longer than this has waited for room in the history: half of the 100 ms for
+# which Fast DDS waits, in seconds.
 _BLOCKED: Final = 0.05
 
 
@@ -74,7 +75,7 @@ class Ros2Writer(Writer):
         node.endpoints[self] = None
 
     def write(self, cdr: Bytes) -> bool:
-        """Publish a sample; False where the history is full.
+        """Publish a sample; return False if the history is full.
 
         Raises:
             MiddlewareError: rclpy refuses it.
@@ -86,7 +87,7 @@ class Ros2Writer(Writer):
             self._entity.publish_raw(bytes(cdr))
         except RuntimeError as error:
             # A full history raises the same error as any other fault, but only after DDS has
-            # waited.
+            # waited for room.
             if self._may_fill and time.monotonic() - started > _BLOCKED:
                 return False
             raise MiddlewareError(f"{self._what}: {error}") from error
@@ -196,7 +197,7 @@ class Ros2Reader(_Taking, Reader):
 class _ServiceEndpoint(_Taking):
     """A service client or server.
 
-    ``readers`` and ``writers`` are its GUIDs, where the RMW is on DDS; ``on_close`` is called when
+    ``readers`` and ``writers`` are its GUIDs, if the RMW is on DDS; ``on_close`` is called when
     it is closed.
     """
 
@@ -238,7 +239,7 @@ class Ros2Requester(_ServiceEndpoint, Requester):
         super().__init__(node, service, qos, "client", on_ready)
 
     def request(self, cdr: Bytes) -> int | None:
-        """Send a request; its sequence number.
+        """Send a request; return its sequence number.
 
         Raises:
             MiddlewareError: rclpy cannot read or send it.

@@ -75,8 +75,8 @@ class Ros2Middleware(Middleware):
         nodes: The nodes that are open.
 
     Args:
-        wakeup: The descriptor to set when there is work, where it belongs to another middleware:
-            then it is neither cleared nor closed here.
+        wakeup: The descriptor to set when there is work, if it belongs to another middleware. Then
+            it is neither cleared nor closed here.
 
     Raises:
         ImportError: There is no rclpy.

@@ -17,7 +17,7 @@ _MAX_MS: Final = 0x7FFFFFFF * 1000  # DDS has 31 bits for seconds
 
 
 def lacking(qos: QoSProfile) -> str:
-    """Return what the profile asks for and rclpy does not have; '' where it has everything."""
+    """Return what the profile asks for and rclpy does not have; '' if it has everything."""
     if qos.partitions:
         return "partitions"
     if qos.ownership_exclusive or qos.ownership_strength is not None:

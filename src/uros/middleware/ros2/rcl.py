@@ -89,24 +89,24 @@ def _map() -> None:
     folders = spec.submodule_search_locations if spec is not None else None
     for folder in folders or ():
         for path in Path(folder).glob(_LIBRARY):
-            with suppress(OSError, AttributeError, TypeError):  # the import does it all, then
+            with suppress(OSError, AttributeError, TypeError):  # then the import loads everything
                 dlopen = ctypes.CDLL(None).dlopen
                 dlopen.argtypes, dlopen.restype = (ctypes.c_char_p, ctypes.c_int), ctypes.c_void_p
                 dlopen(os.fsencode(path), sys.getdlopenflags())
 
 
 def _try_elsewhere() -> None:
-    """Raises MiddlewareError where rcl would end this process.
+    """Raises MiddlewareError if rcl would end this process.
 
     It does so when it is loaded with an RMW that it does not find. An import in another process
-    takes a tenth of a second, and is made only where the environment names an RMW.
+    takes a tenth of a second, and is made only if the environment names an RMW.
     """
     if any(map(os.environ.get, _CHOICES)) and find_spec("rclpy") is not None:
         _elsewhere(f"import {_CORE}")
 
 
 def _elsewhere(code: str) -> None:
-    """Run code in another process. Raises MiddlewareError where that ends by a signal or by rcl.
+    """Run code in another process. Raises MiddlewareError if that ends by a signal or by rcl.
 
     An exception there is ignored: it will be raised here as well.
     """
@@ -200,7 +200,7 @@ def as_bytes(message: Any) -> bytes:
 def guids(node: Any, topic: str, is_writer: bool, namespace: str, name: str) -> set[bytes]:
     """Return the GUIDs of a node's endpoints of a topic (DDS name), as DDS knows them.
 
-    Empty where the RMW is not on DDS, such as rmw_zenoh: its Gids mean nothing there.
+    Empty if the RMW is not on DDS, such as rmw_zenoh, because DDS does not know its Gids.
     """
     implementation = load()
     if implementation.rclpy_get_rmw_implementation_identifier() not in _ON_DDS:

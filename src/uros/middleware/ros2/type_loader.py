@@ -1,12 +1,12 @@
 """A thread that imports rclpy and the types of services while the data plane serves boards.
 
 Importing rclpy and the type support of a service takes tenths of a second, and seconds from a cold
-disk. So a thread does that and nothing else: it reports the types by name, and nodes and their
-endpoints are created by the data plane as always, since rclpy holds the GIL over these anyway.
+disk. So a thread does the imports, and nothing else. It reports the types by name. The data plane
+creates the nodes and their endpoints, because rclpy holds the GIL for that anyway.
 
-An import holds the GIL too, wherever it loads a library. Two measures keep that short: all of it is
-imported by another process first, which brings it from disk into memory, and rclpy's own library,
-with rcl and the RMW behind it, is mapped by a call that does not hold the GIL.
+An import holds the GIL too while it loads a library. Two measures keep that short: another process
+imports everything first, which brings it from disk into memory, and rclpy's own library, with rcl
+and the RMW that it needs, is mapped by a call that does not hold the GIL.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _PATIENCE: Final = 5.0
 
 
 class TypeLoader:
-    """Loads types on request. All methods are for the data plane, but those of the thread.
+    """Loads types on request. The data plane calls all methods except those of the thread.
 
     Attributes:
         failure: Why rclpy cannot be used, once that is known.
@@ -75,7 +75,7 @@ class TypeLoader:
     def take_results(self) -> dict[TypeName, MiddlewareError | None]:
         """Return the requests that have ended since the last call, each with its error, if any.
 
-        Where rclpy cannot be used, :attr:`failure` is set instead.
+        If rclpy cannot be used, :attr:`failure` is set instead.
         """
         with self._lock:
             results, self._results = self._results, {}

@@ -10,7 +10,8 @@ from typing import Any, Final
 from ..base import MiddlewareError
 from ..ros_names import TypeName
 
-# An action's services and feedback message have types of their own: where its class has them.
+# An action's services and feedback message have types of their own, which are attributes of its
+# class.
 _OF_ACTIONS: Final = {
     "_SendGoal": "SendGoalService",
     "_GetResult": "GetResultService",
@@ -28,7 +29,7 @@ def find_message(name: TypeName) -> Any:
     Raises:
         UnknownType: No installed package has it.
     """
-    # Attack: rcl takes the type support of a service for a message's, and crashes.
+    # Refuses a service's class, because rcl takes its type support for a message's and crashes.
     return _find(name, ("get_fields_and_field_types", "_CREATE_ROS_MESSAGE"))
 
 
@@ -83,10 +84,10 @@ def _of_action(module: Any, name: str) -> Any:
 
 
 def _has_interfaces(package: str) -> bool:
-    """Whether a package of that name was generated from ROS interfaces.
+    """Return whether a package of that name was generated from ROS interfaces.
 
-    Attack: a board that names any module makes the agent import it, with its side effects. Only
-    packages with rosidl's type support beside them are imported.
+    Only packages with rosidl's type support beside them are imported. Otherwise a board could make
+    the agent import any module, with its side effects.
     """
     try:
         spec = find_spec(package)
