@@ -19,8 +19,9 @@ _MAX_PARTICIPANT_INDEX = 200
 # does not send one by default: deleted endpoints would stay listed in Fast DDS, participants for
 # ten seconds more. ROS topics have no keys, so it concerns discovery alone.
 #
-# Deleting a writer waits until its samples are acknowledged, and the agent's one thread with it:
-# for Cyclone's default of 1 s where a reader hangs. A reader that works answers in less than 50 ms.
+# Deleting a writer waits until its samples are acknowledged, and the agent's one thread waits with
+# it. If a reader hangs, that would take Cyclone's default of 1 s. A reader that works answers in
+# less than 50 ms.
 _INTERNAL = (
     "<Internal><GenerateKeyhash>true</GenerateKeyhash>"
     "<WriterLingerDuration>50 ms</WriterLingerDuration></Internal>"
@@ -53,7 +54,7 @@ _LOOPBACK = re.compile(
 
 
 def _user_configuration(environment: Mapping[str, str]) -> str:
-    """The text of the user's configuration, with that of the files it names."""
+    """Return the text of the user's configuration, with that of the files it names."""
     texts = []
     for part in _parts(environment.get("CYCLONEDDS_URI", "")):
         if not part.startswith("<"):
@@ -66,7 +67,7 @@ def _user_configuration(environment: Mapping[str, str]) -> str:
 
 
 def _parts(uri: str) -> list[str]:
-    """What CYCLONEDDS_URI lists: XML, or the names of files."""
+    """Return what CYCLONEDDS_URI lists: XML, or the names of files."""
     if "<" in uri:
         before, _, xml = uri.partition("<")
         return [part for part in before.split(",") if part.strip()] + ["<" + xml]
@@ -78,7 +79,7 @@ def config_xml(environment: Mapping[str, str], pid: int) -> str:
 
     Args:
         environment: The environment variables.
-        pid: This process; tells discovery tags apart where the range is OFF.
+        pid: This process; it makes the discovery tag unique if the range is OFF.
 
     Raises:
         MiddlewareError: The discovery range does not exist.

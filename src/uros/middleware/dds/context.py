@@ -65,5 +65,5 @@ class DdsContext:
         self.service_ids = itertools.count(1)
 
     def notice(self, text: str) -> None:
-        """Give the user a line, once for each text."""
+        """Pass a notice to the user, once for each text."""
         self.middleware.notice(text)

@@ -365,12 +365,13 @@ _patched_ops: dict[int, Any] = {}
 # By domain and type name; each holds a reference of its own. A second sertype of a name would not
 # compare equal to a patched one, and Cyclone's table cannot hold many of one name.
 _sertypes: dict[tuple[int, str], int] = {}
-# Attack: one type after the other; the memory of a name is only freed with its domain.
+# The most types of all domains, because a client may use one after the other. The memory of a name
+# is only freed with its domain.
 MAX_TYPES: Final = 4096
 
 
 def _is_known(type_name: str) -> bool:
-    """Whether uros has the type itself: these are few."""
+    """Return whether uros has the type itself: these are few."""
     from ...interfaces.typehash import is_known
 
     return is_known(type_name)
@@ -447,9 +448,9 @@ _CHANGED = (
 
 
 def _is_ops_table(address: int) -> bool:
-    """Whether ``address`` is the binding's operations table.
+    """Return whether ``address`` is the binding's operations table.
 
-    Where the platform exports it (Linux), by its symbol; elsewhere by which of
+    If the platform exports the table (Linux), its symbol is compared; elsewhere, which of
     its entries are null.
     """
     try:
@@ -475,7 +476,7 @@ _LARGE: Final = 64 * 1024
 
 
 def write(writer: int, cdr: Bytes) -> bool:
-    """Write one sample; False where the writer has no room and would block."""
+    """Write one sample; return False if the writer has no room and would block."""
     code: int = _ddspy_write(writer, _padded(cdr) if len(cdr) & 3 else cdr)
     return code == 0 or _has_no_room(code)
 
@@ -491,13 +492,13 @@ def write_disposed(writer: int, cdr: Bytes) -> bool:
 
 
 def _padded(cdr: Bytes) -> bytes:
-    """The sample with zeros to a multiple of 4: Cyclone would send what its memory last held."""
+    """Pad a sample with zeros to a multiple of 4; Cyclone would send old content of its memory."""
     fill = -len(cdr) & 3
     return bytes(cdr[:3]) + bytes((fill,)) + bytes(cdr[4:]) + bytes(fill)
 
 
 def _has_no_room(code: int) -> bool:
-    """False where the writer has no room; raises MiddlewareError for any other error."""
+    """Return False if ``code`` means no room; raises MiddlewareError for any other error."""
     if code in (RETCODE_TIMEOUT, RETCODE_OUT_OF_RESOURCES):
         return False
     raise MiddlewareError(f"DDS cannot write: {_strretcode(code).decode()}")
@@ -535,7 +536,7 @@ def unread(reader: int, limit: int) -> list[int]:
 
 
 def _unpadded(cdr: bytes) -> bytes:
-    """A sample without the padding at its end.
+    """Return a sample without the padding at its end.
 
     The last two bits of the encapsulation options count its octets (XTypes 1.3, 7.6.3.1.2).
     """

@@ -21,7 +21,8 @@ from .dispatcher import ReaderListener
 from .participant import SharedParticipant
 
 _BATCH: Final = 256
-# Attack: endpoints that come and go without end. Batches in one turn; the rest has to wait.
+# How many batches are taken at a time, so that endpoints that are created and deleted without end
+# do not hold up the data plane. The rest is taken when the data plane dispatches again.
 _BATCHES: Final = 4
 
 
@@ -162,7 +163,7 @@ class GraphDiscovery(ParticipantDiscovery):
     def with_missed_discovery_info(self) -> set[bytes]:
         """Return those of them that have a writer of ``ros_discovery_info`` already.
 
-        Where the sample does not come, :meth:`reread_discovery_info` gets it.
+        If the sample does not come, :meth:`reread_discovery_info` gets it.
         """
         writing = {
             endpoint.participant

@@ -23,7 +23,7 @@ class DiscoveryInfoReader:
     Args:
         context: What the parts of the middleware share.
         participant: The participant that reads.
-        on_change: Called after news, in the data plane's thread.
+        on_change: Called after changes, in the data plane's thread.
     """
 
     def __init__(
@@ -60,9 +60,9 @@ class DiscoveryInfoReader:
     def recreate(self) -> None:
         """Read everything again with a new reader, unless one is due anyway.
 
-        A Fast DDS writer offers its samples when it matches a reader. Where the reader does not
-        know the writer yet, that heartbeat is lost, and the next comes after up to three seconds; a
-        new reader gets one at once.
+        A Fast DDS writer offers its samples when it matches a reader. If the reader does not know
+        the writer yet, that heartbeat is lost, and the next comes after up to three seconds; a new
+        reader gets one at once.
         """
         if self.due is None:
             self._delete()

@@ -1,9 +1,8 @@
 """The waitset, the thread that sleeps in it, and the readers whose samples it reports.
 
-The thread waits in Cyclone's waitset without the GIL. When something arrives it notes which
-readers, makes the wakeup descriptor readable and waits for a lock until the data plane has
-dispatched. The data plane's thread takes the samples itself, and no Python runs in Cyclone's own
-threads.
+The thread waits in Cyclone's waitset without the GIL. When samples arrive it notes their readers,
+makes the wakeup descriptor readable and waits for a lock until the data plane has dispatched. The
+data plane's thread takes the samples itself, and no Python runs in Cyclone's own threads.
 """
 
 from __future__ import annotations
@@ -79,10 +78,10 @@ class Dispatcher:
         return key
 
     def watch_local(self, listener: ReaderListener) -> None:
-        """Wake the waiting thread for a reader only when writers of others match it.
+        """Wake the waiting thread for a reader only once writers of others match it.
 
-        That holds while none but this middleware's own writers match it, whose samples are known
-        of already: see :meth:`written`.
+        Until then only this middleware's own writers match it, and :meth:`written` reports their
+        samples.
         """
         cyclone.wake_on(listener.entity, cyclone.STATUS_SUBSCRIPTION_MATCHED)
         listener.local_only = True
@@ -90,7 +89,7 @@ class Dispatcher:
         self.written([listener])  # the history of our transient-local writers
 
     def _has_remote_writers(self, listener: ReaderListener) -> bool:
-        """Whether writers of others match a reader, local so far; from then on for good."""
+        """Return whether writers of others match a reader; if so, it stops being local."""
         if cyclone.matched_writers(listener.entity) <= self.own_writers:
             return False
         listener.local_only = False
@@ -115,7 +114,7 @@ class Dispatcher:
         self._written[id(listeners)] = listeners
 
     def requeue(self, listener: ReaderListener) -> None:
-        """Call ``on_ready`` once more, after others: something was left for the next turn."""
+        """Call ``on_ready`` once more, after those of others, because samples are left."""
         if not self._written:
             self.wakeup.set()
         self._written[-listener.key] = [listener]
@@ -158,7 +157,7 @@ class Dispatcher:
 
     def _dispatch_written(self) -> Exception | None:
         failed: Exception | None = None
-        written, self._written = self._written, {}  # what these write again has the next turn
+        written, self._written = self._written, {}  # what they write now is dispatched next time
         for listeners in written.values():
             for listener in list(listeners):
                 if listener.key in self._listeners:

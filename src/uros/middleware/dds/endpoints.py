@@ -24,8 +24,9 @@ from .dispatcher import ReaderListener
 from .participant import SharedParticipant
 from .service_peers import MatchedServers, MatchedWriters
 
-# Attack: replies to other clients, or forged ones, as fast as they can be sent. Takes in a row that
-# may bring nothing for us; the rest is taken in a later turn.
+# The most takes in a row that may return nothing for us, because replies to other clients, or
+# forged ones, may arrive as fast as they can be sent. The rest is taken in a later turn of the
+# loop.
 _MAX_MISSES: Final = 4
 _write = cyclone.write
 
@@ -46,7 +47,7 @@ class OwningNode(Protocol):
         """List an endpoint in the node's discovery info."""
 
     def unregister(self, endpoint: DdsWriter | DdsReader) -> None:
-        """List it no more."""
+        """Remove an endpoint from that list."""
 
 
 class DdsWriter(Writer):
@@ -91,7 +92,7 @@ class DdsWriter(Writer):
         self._close: Callable[[], None] | None = close
 
     def write(self, cdr: Bytes) -> bool:
-        """Write a sample; False where the writer has no room.
+        """Write a sample; return False if the writer has no room.
 
         Raises:
             MiddlewareError: DDS refuses it, or it is big endian and its type unknown.
@@ -116,7 +117,7 @@ class DdsWriter(Writer):
 
 
 def _little_endian(type_name: str, cdr: Bytes) -> bytes:
-    """A big-endian sample converted: the binding would label it little endian as it is.
+    """Convert a big-endian sample, which the binding would label as little endian.
 
     Raises MiddlewareError for a type that uros does not know.
     """
@@ -191,7 +192,7 @@ class DdsReader(TopicReader, Reader):
         return [sample for sample, _ in self._take(limit)]
 
     def _take(self, limit: int) -> list[tuple[bytes, Any]]:
-        """Samples with their SampleInfo."""
+        """Take samples with their SampleInfo."""
         self.taken = True
         if self._close is None:
             return []
@@ -232,7 +233,7 @@ class _ServiceReader(DdsReader):
         self.refused = 0  # samples of incompatible writers
 
     def take_parsed(self, limit: int) -> tuple[int, list[tuple[bytes, int, bytes]]]:
-        """How many samples were taken, and those with the header, as `request_header.remove`."""
+        """Return how many samples were taken, and those with the header, split by `remove`."""
         samples = self._take(limit)
         out = []
         for sample, info in samples:
@@ -277,7 +278,7 @@ class DdsRequester(Requester):
         )
 
     def _on_matched(self) -> None:
-        """A server has matched or left."""
+        """Check the servers again, because one has matched or left."""
         if self._match_listener is not None:
             self._match_listener.taken = True
             cyclone.reset(self._match_listener.entity, cyclone.STATUS_PUBLICATION_MATCHED)
@@ -296,7 +297,7 @@ class DdsRequester(Requester):
         )
 
     def request(self, cdr: Bytes) -> int | None:
-        """Send a request; its sequence number, or None where there is no room.
+        """Send a request; return its sequence number, or None if there is no room.
 
         Raises:
             MiddlewareError: An incompatible server is matched, see :meth:`refusal`.
@@ -380,7 +381,7 @@ class DdsReplier(Replier):
         return []
 
     def reply(self, guid: bytes, sequence: int, cdr: Bytes) -> bool:
-        """Send a reply; False where there is no room."""
+        """Send a reply; return False if there is no room."""
         return self._writer.write(request_header.insert(cdr, guid[:8], sequence))
 
     def arrived(self, limit: int) -> list[int]:

@@ -17,8 +17,9 @@ from .domain import DdsDomain
 from .node import DdsNode
 from .paced_discovery import PacedDiscovery
 
-# Attack: a node in each of the 233 domains. Each costs five threads and six descriptors, and is
-# open until the agent ends; 1024 descriptors are the usual limit of a process.
+# The most domains, because boards could have a node in each of the 233. A domain costs five threads
+# and six descriptors, and is open until the agent ends; 1024 descriptors are the usual limit of a
+# process.
 MAX_DOMAINS: Final = 32
 
 

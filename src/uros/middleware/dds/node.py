@@ -94,7 +94,7 @@ class DdsNode(Node):
         self.participant.changed()
 
     def unregister(self, endpoint: DdsWriter | DdsReader) -> None:
-        """List it no more."""
+        """Remove an endpoint from the discovery info."""
         self._endpoints.remove(endpoint)
         self._guids_like(endpoint).remove(endpoint.guid)
         self.participant.changed()
@@ -115,7 +115,7 @@ class DdsNode(Node):
 def _check_writable(topic: str) -> None:
     """Raises MiddlewareError for a topic that nodes may not write to.
 
-    Attack: a board that writes what only middlewares write, such as nodes that do not exist.
+    Otherwise a board could write what only middlewares write, such as nodes that do not exist.
     Cyclone itself refuses the names of its builtin topics (DCPS…).
     """
     if topic == codec.TOPIC:

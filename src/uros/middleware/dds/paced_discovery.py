@@ -41,7 +41,7 @@ class PacedDiscovery(GraphDiscovery):
             self.due = max(time.monotonic() + _SETTLE, self._called_at + _INTERVAL)
 
     def tick(self, now: float) -> None:
-        """Call ``on_change``, and read discovery info again where a sample was missed."""
+        """Call ``on_change``, and read discovery info again if a sample was missed."""
         self.due = None
         self._called_at = time.monotonic()
         missed = self.with_missed_discovery_info()

@@ -18,7 +18,8 @@ from ..ref_counted import RefCounted
 from . import cyclone
 
 MAX_NODES = 50
-# A board creates its entities within a few milliseconds: one message for all. Seconds.
+# Seconds from the first change to the message. A board creates its entities within a few
+# milliseconds, so that one message tells of all.
 _SETTLE = 0.02
 _INTERVAL = 0.1
 
@@ -115,7 +116,7 @@ class SharedParticipant:
             self.due = max(time.monotonic() + _SETTLE, self._sent_at + _INTERVAL)
 
     def tick(self, now: float) -> None:
-        """Write the discovery info; where the writer has no room, once more after a while."""
+        """Write the discovery info; if the writer has no room, again after a pause."""
         sample = codec.encode(self.guid, self.nodes, self.gid_size)
         sent = cyclone.write(self._info_writer, sample)
         self._sent_at = time.monotonic()

@@ -16,7 +16,8 @@ from ..services.form import SERVICE_ID, uses_request_header
 from ..user_data import PROBE_READER
 from . import builtin, cyclone
 
-# Attack: writers that come and go without end, each with a sample. Verdicts kept.
+# The most writers whose result is remembered, because writers may be created and deleted without
+# end, each with a sample.
 MAX_KNOWN: Final = 1024
 
 

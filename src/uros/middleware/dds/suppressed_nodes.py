@@ -1,13 +1,13 @@
 """Empties the discovery info of other participants of this process whose nodes would show twice.
 
 With ``auto`` a board's services belong to a node of a participant of rclpy's, and the board's node
-lists them as well: readers would find them under two nodes. rclpy announces its node in any case.
-But readers of ``ros_discovery_info`` keep the last message about a participant, from any writer
-(the graph cache of rmw_dds_common). So this writes that rclpy's participant has no nodes: after
-each change, and several times after a new reader has matched, as that may get rclpy's message after
-this one. (``dds_ignore_participant`` would act on this process alone.) Readers of uros accept no
-messages about other participants; :func:`uros.middleware.graph.living_nodes` leaves out such a
-node.
+lists them as well, so readers would find them under two nodes. rclpy announces its node in any
+case. But readers of ``ros_discovery_info`` keep the last message about a participant, from any
+writer (the graph cache of rmw_dds_common). So this module writes that rclpy's participant has no
+nodes: after each change, and several times after a new reader has matched, because that may get
+rclpy's message after this one. (``dds_ignore_participant`` would act on this process alone.)
+Readers of uros accept no messages about other participants;
+:func:`uros.middleware.graph.living_nodes` leaves out such a node.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class SuppressedNodes:
         self._restart()
 
     def _on_matched(self, listener: ReaderListener) -> None:
-        """A reader has matched or left."""
+        """Write the messages again, because a reader has matched or left."""
         listener.taken = True
         cyclone.reset(listener.entity, cyclone.STATUS_PUBLICATION_MATCHED)
         self._restart()

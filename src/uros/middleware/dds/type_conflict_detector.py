@@ -15,7 +15,8 @@ from .dispatcher import ReaderListener
 from .participant import SharedParticipant
 
 _BATCH: Final = 256
-# Attack: endpoints that come and go without end. Batches in one turn; the rest has to wait.
+# How many batches are taken at a time, so that endpoints that are created and deleted without end
+# do not hold up the data plane. The rest is taken when the data plane dispatches again.
 _BATCHES: Final = 4
 
 
@@ -56,7 +57,7 @@ class TypeConflictDetector:
         listener = ReaderListener(self._dispatcher, entity, on_ready)
 
     def _take(self, reader: int) -> bool:
-        """Whether there may be more."""
+        """Take some endpoints; return whether there may be more."""
         for _ in range(_BATCHES):
             changes = builtin.take_types(reader, _BATCH)
             for guid, endpoint in changes:
