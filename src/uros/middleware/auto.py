@@ -1,16 +1,16 @@
 """The agent's default middleware: topics over dds, services over ros2.
 
 Cyclone needs no types and no ROS installation for topics, and is the faster one. It cannot speak
-services of rmw_fastrtps, so services go over rclpy, where that can be imported: at the first
-service, so that an agent whose boards have none does not pay for it. Without rclpy, and for types
-that it does not have, services have dds's form, which rmw_cyclonedds understands, and
-:attr:`~uros.middleware.base.Middleware.on_notice` says so. Where RMW_IMPLEMENTATION is
-rmw_cyclonedds_cpp, that form is the one wanted.
+services of rmw_fastrtps, so services go over rclpy if that can be imported. It is imported for the
+first service, so that an agent whose boards have none does not pay for it. Without rclpy, and for
+types that it does not have, services have dds's form, which rmw_cyclonedds understands, and
+:attr:`~uros.middleware.base.Middleware.on_notice` says so. If RMW_IMPLEMENTATION is
+rmw_cyclonedds_cpp, dds's form is used without a notice.
 
-Importing rclpy takes long, and other boards are to be served meanwhile. Where a data plane runs
-this (it sets ``batching``), endpoints of a service whose type is not loaded yet are
-:mod:`~uros.middleware.services.pending_endpoints`. A host program waits for the import: it has no
-other boards to serve.
+Importing rclpy takes long, and other boards must be served meanwhile. In an agent (which sets
+``batching``), endpoints of a service whose type is not loaded yet are
+:mod:`~uros.middleware.services.pending_endpoints`. A host program waits for the import, because it
+has no other boards to serve.
 
 In the ROS graph a board is one node. The rclpy node behind its services has a hidden name, and the
 board's node lists their endpoints as its own: readers of the graph find them by GUID, whichever
@@ -93,7 +93,7 @@ class AutoNode(Node):
         return self._create(pending) or pending
 
     def _create(self, pending: PendingEndpoint[ServiceEndpoint]) -> ServiceEndpoint | None:
-        """The endpoint itself; None where its type must be loaded first."""
+        """Create the endpoint itself; return None if its type must be loaded first."""
         try:
             is_held = self._middleware.hold(pending)
         except MiddlewareError as error:
@@ -106,11 +106,11 @@ class AutoNode(Node):
     def create_pending(
         self, pending: PendingEndpoint[ServiceEndpoint], error: MiddlewareError | None = None
     ) -> ServiceEndpoint:
-        """Create the endpoint on ros2, listed as this node's, or on dds where ros2 cannot have it.
+        """Create the endpoint on ros2, listed as this node's, or on dds if ros2 cannot have it.
 
         Args:
             pending: Stands for the endpoint.
-            error: Why ros2 cannot have it, where that is known already.
+            error: Why ros2 cannot have it, if that is known already.
 
         Raises:
             MiddlewareError: dds refuses it too.
@@ -153,7 +153,7 @@ class AutoNode(Node):
 
 
 class AutoMiddleware(Middleware):
-    """Topics over dds, services over ros2 where rclpy can be imported.
+    """Topics over dds, services over ros2 if rclpy can be imported.
 
     Attributes:
         dds: What carries the topics.
@@ -185,10 +185,10 @@ class AutoMiddleware(Middleware):
         self.dds.batching = self.batching
 
     def services(self) -> Ros2Middleware | None:
-        """Return what carries services; None where that is dds.
+        """Return the middleware for services; None if it is dds.
 
-        It is dds where rclpy cannot be used, or would load a second Cyclone into this process to
-        speak what dds speaks already.
+        It is dds if rclpy cannot be used, or if rclpy would load a second Cyclone into this process
+        without need, because dds has the same form of services.
         """
         if os.environ.get("RMW_IMPLEMENTATION") == _CYCLONE:
             return None
@@ -210,7 +210,7 @@ class AutoMiddleware(Middleware):
         """Hold an endpoint until its type is loaded; :meth:`dispatch` creates it then.
 
         Returns:
-            False where it can be created at once.
+            False if it can be created at once.
 
         Raises:
             MiddlewareError: ros2 cannot have it.
@@ -249,7 +249,7 @@ class AutoMiddleware(Middleware):
                     self._type_loader.cancel(name)
 
     def _resolve_one(self) -> None:
-        """Create one pending endpoint: each takes a ms or more, and others must have a turn."""
+        """Create one pending endpoint: each takes a ms or more, and boards must be served."""
         if self._type_loader is None:
             return
         if self._type_loader.has_results():
@@ -269,7 +269,7 @@ class AutoMiddleware(Middleware):
             del self._loaded[name]
 
     def _has_work(self) -> bool:
-        """Whether ros2 or :meth:`_resolve_one` has work."""
+        """Return whether ros2 or :meth:`_resolve_one` has work."""
         if self._type_loader is not None and (self._loaded or self._type_loader.has_results()):
             return True
         return self._ros is not None and self._ros.has_work()

@@ -1,9 +1,10 @@
 """The contract between the agent (or a host program) and a middleware.
 
-Samples are CDR with their 4-byte encapsulation header (RTPS 10.5), types are
-only names: nothing here needs to know what a message looks like.
+Samples are CDR with their 4-byte encapsulation header (RTPS 10.5) and types are
+only names, so nothing here needs to know what a message looks like.
 
-Everything is called from one thread, the data plane's. The middleware wakes it
+Everything is called from one thread, which runs the *data plane*: the agent's main
+thread with its selector, or that of a host program. The middleware wakes it
 through :meth:`Middleware.fileno`; :meth:`Middleware.dispatch` then calls the
 ``on_ready`` of each reader that has something to :meth:`Reader.take`. ``on_ready``
 means "something has arrived since you last took"; samples that were left in the reader
@@ -27,7 +28,8 @@ OnTypeConflict = Callable[[str, str, str], None]
 OnNotice = Callable[[str], None]
 
 
-# Attack: a client that creates one service after the other, each with a notice. Notices remembered.
+# The most notices that are given and remembered, because a client may create one service after the
+# other, each with a notice.
 _MAX_NOTICES: Final = 1000
 
 
@@ -36,7 +38,7 @@ class MiddlewareError(RuntimeError):
 
 
 MAX_DOMAIN = 232  # the last one with valid RTPS port numbers
-# Samples that a transient-local writer that keeps all has for late readers, as with Fast DDS.
+# The most samples that a transient-local KEEP_ALL writer has for late readers, as with Fast DDS.
 MAX_PAST = 5000
 
 
@@ -60,7 +62,7 @@ class Writer(ABC):
         """Write one sample, with its encapsulation header.
 
         Returns:
-            False where there is no room now: nothing was sent, try again.
+            False if there is no room now: nothing was sent, try again.
 
         Raises:
             MiddlewareError: The sample can never be written.
@@ -113,14 +115,14 @@ class Requester(ABC):
         return ""
 
     def again(self) -> None:  # noqa: B027  some middlewares call on_ready anyway
-        """Have ``on_ready`` called again, after others: not everything was taken."""
+        """Have ``on_ready`` called again after those of others, because samples are left."""
 
     @abstractmethod
     def request(self, cdr: Bytes) -> int | None:
         """Send a request.
 
         Returns:
-            The sequence number of its reply; None where there is no room now.
+            The sequence number of its reply; None if there is no room now.
 
         Raises:
             MiddlewareError: There is a :meth:`refusal`.
@@ -242,7 +244,7 @@ class Middleware(ABC):
         self._noticed: set[str] = set()
 
     def notice(self, text: str) -> None:
-        """Give the user a line, once for each text."""
+        """Pass a notice to :attr:`on_notice`, once for each text."""
         if self.on_notice is not None and text not in self._noticed:
             if len(self._noticed) < _MAX_NOTICES:
                 self._noticed.add(text)
@@ -282,7 +284,7 @@ class Middleware(ABC):
         that leave room for other traffic.
 
         Returns:
-            None where this middleware does not know the graph.
+            None if this middleware does not know the graph.
         """
         return None
 

@@ -11,7 +11,7 @@ RANGES = ("OFF", "LOCALHOST", "SUBNET", "SYSTEM_DEFAULT")
 
 
 def environment_domain() -> int:
-    """Return the domain in ROS_DOMAIN_ID, or 0 where it is not set.
+    """Return the domain in ROS_DOMAIN_ID, or 0 if it is not set.
 
     Raises:
         MiddlewareError: The value is no domain.
@@ -25,7 +25,7 @@ def environment_domain() -> int:
 def discovery_range(environment: Mapping[str, str]) -> str:
     """Return how far discovery reaches: one of :data:`RANGES`.
 
-    ``ROS_LOCALHOST_ONLY=1`` counts where ``ROS_AUTOMATIC_DISCOVERY_RANGE`` is not set.
+    ``ROS_LOCALHOST_ONLY=1`` counts if ``ROS_AUTOMATIC_DISCOVERY_RANGE`` is not set.
 
     Raises:
         MiddlewareError: The value does not exist.

@@ -76,7 +76,7 @@ def living_nodes(source: Source) -> list[NodeSource]:
     """Return the nodes of the participants that are there.
 
     A board's services may belong to a hidden node too, rclpy's in its agent
-    (:mod:`.dds.suppressed_nodes`). That one is left out where the board's node lists all of its
+    (:mod:`.dds.suppressed_nodes`). That one is left out if the board's node lists all of its
     endpoints.
     """
     alive = source.participants

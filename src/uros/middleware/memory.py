@@ -205,7 +205,7 @@ class MemoryRequester(Requester):
         self._reader = reader
 
     def request(self, cdr: Bytes) -> int | None:
-        """Send a request; its sequence number."""
+        """Send a request; return its sequence number."""
         self._sequence += 1
         self._writer.write(self._guid + self._sequence.to_bytes(8, "little") + bytes(cdr))
         return self._sequence
@@ -278,7 +278,7 @@ class MemoryNode(Node):
         self.domain = domain
         self.full_name = full_name
         self.middleware = middleware
-        # In order of creation; a dictionary, as many come and go.
+        # In order of creation; a dictionary, because many endpoints are created and closed.
         self._endpoints: dict[MemoryWriter | MemoryReader, None] = {}
         middleware.bus.nodes.append(self)
 
@@ -325,7 +325,7 @@ class MemoryNode(Node):
 
 
 class MemoryMiddleware(Middleware):
-    """A place on a bus.
+    """A middleware on a bus.
 
     Attributes:
         bus: The network.

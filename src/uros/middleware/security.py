@@ -17,9 +17,9 @@ _REMEDY = (
 
 
 def check(middleware: str) -> None:
-    """Check that a middleware may be used where the environment enables security.
+    """Check that a middleware may be used if the environment enables security.
 
-    Warns where ROS_SECURITY_ENABLE is true. ``memory`` and ``ced`` send nothing out of the process.
+    Warns if ROS_SECURITY_ENABLE is true. ``memory`` and ``ced`` send nothing out of the process.
 
     Raises:
         MiddlewareError: ROS_SECURITY_STRATEGY is Enforce as well.

@@ -16,7 +16,7 @@ PROBE_READER: Final = b"uros_offer=1;"
 
 def type_hash(type_name: str) -> bytes:
     """Return ``typehash=RIHS01_…;`` for a DDS type name, or nothing for a type uros lacks."""
-    from ..interfaces.typehash import known_hash  # late: loads the table of hashes
+    from ..interfaces.typehash import known_hash  # here, because it loads the table of hashes
 
     package, _, rest = type_name.partition("::")
     kind, _, name = rest.partition("::dds_::")

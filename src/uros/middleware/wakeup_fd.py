@@ -9,7 +9,7 @@ import socket
 class WakeupFd:
     """A descriptor that :meth:`set` makes readable and :meth:`clear` unreadable.
 
-    It is an eventfd where the platform has one, else a socket pair. :meth:`set` may be called
+    It is an eventfd if the platform has one, else a socket pair. :meth:`set` may be called
     from any thread, everything else from the thread that selects.
     """
 

@@ -23,11 +23,11 @@ TYPE: Final = "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_"
 SHORT_GID: Final = 16
 LONG_GID: Final = 24
 
-# Attack: thousands of nodes without endpoints, each a node of the graph; or one node with
-# thousands.
+# The most nodes of a message and endpoints of a node, because a message may list thousands of nodes
+# without endpoints, each a node of the graph, or one node with thousands of endpoints.
 MAX_NODES: Final = 1000
 MAX_ENDPOINTS: Final = 2000
-# Attack: a name that fills the sample. ROS allows 255 characters.
+# The longest name in octets, because a name may fill the sample. ROS allows 255 characters.
 MAX_TEXT: Final = 1024
 
 
@@ -87,8 +87,8 @@ def subject_of(sample: bytes) -> bytes:
 def decode(sample: bytes) -> tuple[bytes, list[NodeEntities], int] | None:
     """Decode a sample within the limits of this module.
 
-    Nothing in a sample tells whether its Gids have 16 or 24 octets. The size with which the message
-    ends where the sample ends, and strings are strings, is the right one.
+    Nothing in a sample tells whether its Gids have 16 or 24 octets. The right size is the one with
+    which the message ends at the end of the sample and all its strings are valid.
 
     Returns:
         The participant's GUID, its nodes and the octets of a Gid; None for any other bytes.
@@ -104,7 +104,7 @@ def decode(sample: bytes) -> tuple[bytes, list[NodeEntities], int] | None:
 
 
 class _Decoder:
-    """CDR of one ``ParticipantEntitiesInfo``; ValueError or struct.error where it does not fit."""
+    """Decodes a ``ParticipantEntitiesInfo``; raises ValueError or struct.error for other bytes."""
 
     def __init__(self, sample: bytes, gid_size: int) -> None:
         self._data = memoryview(sample)[4:]

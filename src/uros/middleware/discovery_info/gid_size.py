@@ -1,10 +1,10 @@
 """Octets of a Gid in our discovery info: as ROS_DISTRO says, or as other participants have it.
 
 A ROS up to Humble and one from Iron on cannot read each other's ``ros_discovery_info``. Without
-ROS_DISTRO the agent begins with 16 octets. Where more of the ROS participants in a domain use 24,
-it changes to 24, and back as soon as as many use 16. Participants of uros do not count: they follow
-the others, and two agents would otherwise confirm each other. A participant counts once, by the
-message that it wrote itself; messages about other participants are ignored.
+ROS_DISTRO the agent begins with 16 octets. If more of the ROS participants in a domain use 24, it
+changes to 24, and back as soon as as many use 16. Participants of uros do not count, because they
+follow the others, and two agents would otherwise confirm each other. A participant counts once, by
+the message that it wrote itself; messages about other participants are ignored.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class GidSizeSelector:
         self._noticed = False
 
     def update(self, participants: Mapping[bytes, bytes], gid_sizes: Mapping[bytes, int]) -> None:
-        """Count the sizes in use and change :attr:`size` where more participants use the other.
+        """Count the sizes in use and change :attr:`size` if more participants use the other.
 
         Args:
             participants: USER_DATA of the participants known, by GUID.
@@ -62,7 +62,7 @@ class GidSizeSelector:
         """
         count = {SHORT_GID: 0, LONG_GID: 0}
         for guid, size in gid_sizes.items():
-            # A message may come before its participant is discovered: it counts later.
+            # A message may come before its participant is discovered. It counts once that is.
             user_data = participants.get(guid, UROS)
             if ENCLAVE in user_data and UROS not in user_data:
                 count[size] += 1

@@ -18,28 +18,31 @@ from ...token_bucket import TokenBucket
 from ..guid import participant_of
 from .codec import TOPIC, NodeEntities, decode, subject_of
 
-# Attack: samples of megabytes. A container with a hundred nodes writes 70 kB.
+# The largest sample in octets. A container with a hundred nodes writes 70 kB.
 MAX_SAMPLE: Final = 128 * 1024
-# Attack: many participants, each with as much as it may send. Octets of samples, and their number.
+# The most octets of all samples that are kept, and the most participants, because many participants
+# may each send as much as they may.
 MAX_KEPT: Final = 4 * 1024 * 1024
 MAX_PARTICIPANTS: Final = 4096
-# Attack: samples faster than they are taken. Depth of the reader: of three hundred participants
-# that start together all have room.
+# The depth of the reader, because samples may arrive faster than they are taken. It holds one
+# sample of each of three hundred participants that start together.
 MAX_UNREAD: Final = 300
-# Attack: samples without end. Octets that are parsed a second, at first, and in one turn: 16 kB of
-# nodes take 5 ms of the thread that all boards share, and twice as many Gids one.
+# The most octets that are parsed in a second, at once after a quiet time, and in one call of
+# ``on_ready``. Samples may arrive without end: 16 kB of nodes take 5 ms of the thread that all
+# boards share, and twice as many octets of Gids take 1 ms.
 RATE: Final = 256 * 1024
 BURST: Final = 2 * 1024 * 1024
 TURN: Final = 16 * 1024
 # A sample that is not parsed is charged this fraction of its octets, any sample at least so many.
 _SKIPPED: Final = 16
 _LEAST: Final = 256
-# Deleting and creating a reader takes a millisecond, and sends packets to all peers. Seconds.
+# The shortest time for which the reader is deleted, in seconds: deleting and creating one takes a
+# millisecond, and sends packets to all peers.
 _PAUSE: Final = 1.0
 
 
 def _fingerprint(sample: bytes) -> tuple[int, int]:
-    """What tells a sample from another one."""
+    """Return a value that distinguishes a sample from others."""
     return len(sample), hash(sample)
 
 
@@ -70,7 +73,7 @@ class Intake:
         """Return whether a sample counts, and the octets it is charged.
 
         Args:
-            writer: GUID of the writer that sent it; None where that has left already.
+            writer: GUID of the writer that sent it; None if that has left already.
             sample: The sample.
         """
         cost = len(sample) // _SKIPPED
@@ -81,7 +84,7 @@ class Intake:
         return counts, max(_LEAST, cost)
 
     def accept(self, sample: bytes) -> None:
-        """Parse a sample that counts, and keep its nodes where the limits allow."""
+        """Parse a sample that counts, and keep its nodes if the limits allow."""
         guid, size, fingerprint = subject_of(sample), len(sample), _fingerprint(sample)
         if self._kept.get(guid) == fingerprint:
             return

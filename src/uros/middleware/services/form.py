@@ -1,7 +1,7 @@
 """Which form of request identity the endpoints of others use.
 
-A request with the header of rmw_cyclonedds that rmw_fastrtps reads is executed with wrong
-arguments: the 16 octets of the header stand where it expects the first fields. rmw_cyclonedds, and
+If rmw_fastrtps reads a request with the header of rmw_cyclonedds, it executes it with wrong
+arguments, because it takes the 16 octets of the header for the first fields. rmw_cyclonedds, and
 uros like it, announces ``clientid=…`` or ``serviceid=…`` in USER_DATA; a GUID that begins 01 0F is
 one of Fast DDS. An endpoint without such an id counts as incompatible.
 """

@@ -11,7 +11,7 @@ def service_name(service: Service) -> str:
     """Return the ROS name that both topics of a service have.
 
     Raises:
-        MiddlewareError: They are no topics of one ROS service.
+        MiddlewareError: They are not the topics of one ROS service.
     """
     name = demangle(service.request_topic, "rq", "Request")
     if demangle(service.reply_topic, "rr", "Reply") != name:
