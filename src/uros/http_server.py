@@ -1,8 +1,8 @@
 """A bounded HTTP server for this machine: the agent's metrics and the pages of tools.
 
 One thread holds the connections and reads until a request is complete; complete requests are
-answered in threads, a limited number at a time. So a silent connection takes a place and no thread,
-and is the first to be closed where places are used up.
+answered in threads, a limited number at a time. So a silent connection takes no thread, and is the
+first to be closed when the limit of connections is reached.
 
 A browser also shows foreign pages, which could send requests here by a name that resolves to this
 machine (DNS rebinding). So the Host header must be an address of this machine, ``localhost``, its
@@ -25,13 +25,14 @@ from http.server import BaseHTTPRequestHandler
 from typing import Any, Final
 from urllib.parse import urlsplit
 
-# Attack: connections without end. Those being read and those being answered.
+# The most connections that are being read or answered.
 MAX_CONNECTIONS: Final = 64
-# Attack: a request without end, byte by byte, or none. Bytes of the head and the body, and seconds.
+# The most bytes of the head and the body of a request, and the seconds in which it must be
+# complete, because a request may never end, or arrive byte by byte, or never be sent.
 MAX_HEAD: Final = 16 * 1024
 MAX_BODY: Final = 4096
 ASK_SECONDS: Final = 5.0
-# Attack: an answer that is read byte by byte. Seconds of a complete answer.
+# The seconds in which an answer must be sent, because a client may read it byte by byte.
 ANSWER_SECONDS: Final = 15.0
 
 _END: Final = re.compile(rb"\r?\n\r?\n")

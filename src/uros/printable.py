@@ -1,8 +1,8 @@
 """Escaping of untrusted text for terminals and logs.
 
 Names and types of boards and nodes, strings in messages and what a board says on its line may hold
-anything. Attack: escape sequences that a terminal obeys, line ends that forge further lines,
-bidirectional controls and invisible letters that show another text than the one that is there.
+anything: escape sequences that a terminal obeys, line ends that forge further lines, bidirectional
+controls and invisible letters, with which a text looks like another one. All these are escaped.
 """
 
 from __future__ import annotations

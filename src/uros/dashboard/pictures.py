@@ -11,10 +11,11 @@ import zlib
 from collections.abc import Iterator
 from typing import Any, Final, NamedTuple
 
-# Attack: a few kilobytes that a browser decompresses into gigabytes.
+# The most pixels of a side and of a picture, because a browser may decompress a few kilobytes into
+# gigabytes.
 MAX_SIDE: Final = 8192
 MAX_PIXELS: Final = 32_000_000
-# Attack: large pictures, of which each waiting browser holds a copy.
+# The most octets of a picture, because each waiting browser holds a copy.
 MAX_OCTETS: Final = 16 << 20
 
 COMPRESSED: Final = "sensor_msgs/msg/CompressedImage"

@@ -7,7 +7,7 @@ from typing import Final
 
 MAX_FIELDS: Final = 8
 MAX_VALUE: Final = 1_000_000
-# Attack: a line that never ends.
+# The longest line, because a malicious one may never end.
 MAX_LINE: Final = 256
 # Pieces after which a rover without line ends is recognised.
 _UNDECIDED: Final = 8

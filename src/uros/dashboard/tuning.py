@@ -23,7 +23,8 @@ PAUSE: Final = 0.05
 _NOTES: Final = 40
 _SEND_SECONDS: Final = 2.0
 _SIZE: Final = 4096
-# Attack: a flood of invalid lines. Most notes stored a second; the rest is counted.
+# The most notes that are stored in a second, because invalid lines may arrive as a flood. The rest
+# is counted.
 _NOTES_A_SECOND: Final = 5
 
 
