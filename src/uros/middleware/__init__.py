@@ -1,4 +1,4 @@
-"""The networks that the agent and host programs join, behind one contract.
+"""The networks that the agent and host programs join, all by one contract.
 
 ``open_middleware(name)`` returns a :class:`~uros.middleware.base.Middleware`;
 each lives in a module or package of its own that is imported only when asked for.

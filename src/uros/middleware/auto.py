@@ -12,10 +12,10 @@ Importing rclpy takes long, and other boards must be served meanwhile. In an age
 :mod:`~uros.middleware.services.pending_endpoints`. A host program waits for the import, because it
 has no other boards to serve.
 
-In the ROS graph a board is one node. The rclpy node behind its services has a hidden name, and the
-board's node lists their endpoints as its own: readers of the graph find them by GUID, whichever
-participant they belong to. The hidden node is taken out of the graph, see
-:mod:`.dds.suppressed_nodes`.
+In the ROS graph a board is one node. Its services belong to a second node, of rclpy, which has a
+hidden name. The board's node lists the endpoints of the services as its own, and readers of the
+graph find them by GUID, whichever participant they belong to. The hidden node is taken out of the
+graph, see :mod:`.dds.suppressed_nodes`.
 """
 
 from __future__ import annotations

@@ -3,9 +3,9 @@
 Anybody on the network may write to ``ros_discovery_info``, and each sample is parsed in the data
 plane's thread. So a sample counts only for the participant whose writer sent it, samples have a
 size limit, and so has all that is kept. Octets are charged against a token bucket. Once that is
-empty :meth:`Intake.charge` returns for how long the reader is to be deleted, with every sample that
-waits in it: left in place it would grow, and a reader with a small history would lose other
-writers' samples. Created anew, it gets the last sample of each writer again, as the topic is
+empty, :meth:`Intake.charge` returns for how long the reader is to be deleted, with every sample
+that waits in it. If it were kept, its history would grow; if it had a small history, it would lose
+other writers' samples. A new reader gets the last sample of each writer again, because the topic is
 transient local.
 """
 
