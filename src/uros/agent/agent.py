@@ -229,7 +229,7 @@ class Agent:
             )  # fmt: skip
 
     def _unknown_session(self, transport: ServerTransport, peer: Any, session_id: int) -> None:
-        """Warn of a message whose session another agent has, or had before this one's start."""
+        """Warn of a message of an unknown session, which another agent or a former run may have."""
         address = transport.address(peer)
         if self.unmatched_faults.admit(f"{transport.name} {address}"):
             self.log.warning(

@@ -47,13 +47,13 @@ class ClientState(Protocol):
     def recreate(
         self, object_id: int, form: int, content: str | bytes, kind: int, parent: int, little: bool
     ) -> None:
-        """Create an object again that a former run of the agent had."""
+        """Create an object again that existed before the agent was restarted."""
 
     def read(
         self, object_id: int, request_id: int, stream_id: int,
         control: tuple[int, int, int, int] | None,
     ) -> bool:  # fmt: skip
-        """Continue a READ_DATA of a former run; return whether its object exists."""
+        """Continue a READ_DATA from before the restart; return whether its object exists."""
 
 
 class Persistence(Protocol):
@@ -109,7 +109,7 @@ class AgentContext(Protocol):
         """The clients by key."""
 
     def now(self) -> int:
-        """The time in milliseconds modulo 2^30."""
+        """Return the time in milliseconds modulo 2^30."""
 
     def failed(self, error: Exception) -> None:
         """Log an unexpected error."""
@@ -139,7 +139,7 @@ class AgentContext(Protocol):
     def resume(
         self, key: int, transport: ServerTransport, peer: Any, request: CreateClientRequest
     ) -> ClientState:
-        """Create a client of a former run again, without a message from it."""
+        """Create a client again that existed before the restart, without a message from it."""
 
 
 class ServerContext(Protocol):

@@ -3,7 +3,7 @@
 ==================  ===========================================================================
 ``application``     Reads an XRCE application: an XML document that lists entities.
 ``client``          One client: its session, its objects, and what its submessages do.
-``endpoints``       Endpoints of the middleware behind datawriters, datareaders and services.
+``endpoints``       The middleware's endpoints for datawriters, datareaders and services.
 ``factory``         Creates nodes and endpoints for CREATE, and all entities of an application.
 ``kinds``           The kinds of objects, the kind of each one's parent, and ids as text.
 ``object_info``     Answers GET_INFO about a client's objects (XRCE 8.3.5.3 and 8.3.5.7).

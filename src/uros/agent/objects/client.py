@@ -463,7 +463,8 @@ class ProxyClient:
         try:
             delivery.pump(now)
         except (DecodeError, MiddlewareError) as error:
-            # The middleware calls all clients in turn: the others' calls must not fail with this.
+            # The middleware calls all clients one after the other. An error must not reach it,
+            # because the others would not be called.
             obj.delivery = None
             self.fault("delivery ended", f"{object_label(obj.object_id)}, {error}")
             return

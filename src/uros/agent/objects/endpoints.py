@@ -1,4 +1,4 @@
-"""Endpoints of the middleware behind the datawriters, datareaders and services of a client.
+"""The middleware's endpoints for the datawriters, datareaders and services of a client.
 
 The session passes the samples of a datawriter to :meth:`WriterEndpoint.write`. The
 other endpoints convert samples of the middleware to payloads of the client and back:

@@ -49,16 +49,16 @@ class ObjectOwner(Protocol):
         """Log a line about the client."""
 
     def on_ready(self, obj: XrceObject) -> Callable[[], None]:
-        """The callback for samples that wait in the object's endpoint."""
+        """Return the callback for samples that wait in the object's endpoint."""
 
     def on_refusal(self, obj: XrceObject) -> Callable[[list[int], str], None]:
-        """The callback for requests that nobody will answer."""
+        """Return the callback for requests that nobody will answer."""
 
     def on_dropped(self, obj: XrceObject) -> Callable[[str], None]:
-        """The callback for samples that are dropped because too many wait."""
+        """Return the callback for samples that are dropped because too many wait."""
 
     def on_too_large(self, object_id: int) -> Callable[[str], None]:
-        """The callback for messages over ``max_size`` of the rules."""
+        """Return the callback for messages over ``max_size`` of the rules."""
 
     def close_object(self, obj: XrceObject) -> None:
         """Close the object's endpoint and the parts of an application."""
@@ -90,7 +90,7 @@ class ObjectFactory:
             obj: The object, which gets what is created.
 
         Returns:
-            What the log line has of it besides its id.
+            The text that describes it in the log line, after its id.
 
         Raises:
             UnknownReference: Its parent, or what it refers to, does not exist.

@@ -5,7 +5,7 @@
     0x81 reliable 5: CREATE #10 datawriter 0x001(5) in publisher 0x001(3) on topic 0x001(2) ...
 
 Any bytes are accepted: nothing is raised, bytes that cannot be decoded are shown in hex after
-``??`` and the reason, and the length of a line is limited. Names from outside are escaped where
+``??`` and the reason, and the length of a line is limited. Names from outside are escaped, because
 they could control a terminal. Entities are parsed as the agent parses them, by
 :mod:`uros.agent.objects.representation`.
 """

@@ -1,4 +1,4 @@
-"""The state file (``--state``): slots of fixed size in front, an append-only journal behind.
+"""The state file (``--state``): slots of fixed size, followed by an append-only journal.
 
 ::
 
@@ -7,12 +7,12 @@
     528384 the journal: records, each with a CRC, its client's serial and a running number
 
 A slot has the number of valid records of its client. Further records, and those of a client
-without a slot, were never acknowledged to anybody. So one write of 128 bytes, which no SIGKILL
+without a slot, were never acknowledged to a client. So one write of 128 bytes, which no SIGKILL
 splits, commits what was appended before it.
 
-Everything is written by ``pwrite``: a file that another program truncates is an error to report,
-and no SIGBUS as with ``mmap``. The slots are allocated beforehand, so a full disk stops the journal
-only, and the slots then show that records are missing.
+Everything is written by ``pwrite``, so that truncation by another program is an error to report;
+with ``mmap`` it would be a SIGBUS. The slots are allocated beforehand, so a full disk stops the
+journal only, and the slots then show that records are missing.
 
 Only :func:`open_journal` raises (:class:`JournalError`); the methods that write return whether they
 could.

@@ -401,7 +401,8 @@ class SessionStore:
     def _fail(self, lost: bool = False) -> None:
         """Handle a failed write; ``lost``: slots in the file are outdated."""
         if lost:
-            # Outdated sequence numbers would harm a client; without a file it starts anew.
+            # Outdated sequence numbers would harm a client; without a file it creates a new
+            # session.
             self._journal.clear()
         if self._failing:
             return

@@ -1,14 +1,14 @@
 """Line loss: clients of a lost line are deleted unless they come back soon.
 
-Silence says nothing about a client (:mod:`.liveliness`), but an unplugged serial line does: its
-board is gone from the network, and the ROS graph must show that within ten seconds. It may come
-back in that time, on this line or on another one. So each client of a lost line is checked once a
-second, and probed as soon as its line is there again. Any message from it ends that; a client that
-sent none within :data:`CHECKS` checks is deleted with its objects. A line that came back late has
-the time for two probes.
+Silence alone does not show that a client has left (:mod:`.liveliness`), but an unplugged serial
+line does: the ROS graph must show within ten seconds that its board has left. It may come back in
+that time, on this line or on another one. So each client of a lost line is checked once a second,
+and probed when its line is open again. Any message from the client ends the checks. A client that
+sent none within :data:`CHECKS` checks is deleted with its objects; if its line came back late, it
+is probed twice before that.
 
-Checks are counted and not seconds: a process that is stopped, or a machine that sleeps, cannot
-receive answers. TCP is not affected: a session ends with its connection.
+Checks are counted instead of seconds, because a process that is stopped, or a machine that sleeps,
+cannot receive answers. TCP is not affected, because a session ends with its connection.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class LineLossMonitor:
                 self.watch(client)
 
     def watch(self, client: ClientState) -> None:
-        """Watch a client, if its line is away."""
+        """Watch a client, if its line is lost."""
         transport, peer = place = self._agent.place(client.key)
         lost = self._missing.get(client)
         if not transport.is_away(peer) or (lost is not None and not self._is_back(client, lost)):

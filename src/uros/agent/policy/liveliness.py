@@ -1,7 +1,7 @@
 """Liveliness: silent clients are probed, and deleted when they do not answer.
 
-Silence alone says nothing, a subscriber may have nothing to send for hours. So a client that was
-silent for a tenth of the dead time (at most 30 s) is probed
+A silent client may still be there: a subscriber may have nothing to send for hours. So a client
+that was silent for a tenth of the dead time (at most 30 s) is probed
 (:meth:`uros.agent.session.session.Session.probe`), and again after as long, until it is heard or
 the dead time is over. It is deleted only after several unanswered probes. Time in which the agent
 itself did not check (a stopped process, a clock that jumps) does not count: it may have missed the

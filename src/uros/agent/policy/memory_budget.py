@@ -101,7 +101,7 @@ class MemoryBudget:
         return sizes
 
     def settle(self, now: int) -> None:
-        """Count and evict, if too much was charged. Called once a turn."""
+        """Count and evict, if too much was charged. Called at the end of a turn of the server."""
         if self.since <= self.room:
             return
         excess = self.since - self.room

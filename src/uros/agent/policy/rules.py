@@ -170,7 +170,7 @@ class Limiter:
         if write(sample):
             return True
         if self._rate is not None:
-            self._rate.put_back()  # the message comes again
+            self._rate.put_back()  # the caller gives the message again
         return False
 
 
@@ -229,7 +229,7 @@ class Settings:
     def topic(self, dds_name: str) -> str:
         """Map the DDS name of a topic, or of one half of a service, that the board uses.
 
-        Raises NameRefused for what ROS does not allow behind its prefixes, and for what is no name
+        Raises NameRefused for what ROS does not allow after its prefixes, and for what is no name
         of ROS if the board is in a namespace.
         """
         parts = names.split_dds(dds_name)

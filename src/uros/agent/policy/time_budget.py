@@ -18,12 +18,13 @@ from typing import Final
 from ...token_bucket import TokenBucket
 
 # Burst in seconds and refill rate (share of the time): of one client, and of all together. The
-# boards of a whole robot start within the second; others wait no longer than for a burst.
+# boards of a whole robot start within a second; others wait no longer than for a burst.
 BURST_OF_ONE: Final = 0.5
 SHARE_OF_ONE: Final = 0.25
 BURST_OF_ALL: Final = 0.02
 SHARE_OF_ALL: Final = 0.5
-# How long a turn closes entities of clients that left, and the pause before it goes on, in seconds.
+# How long one turn of the server closes entities of clients that left, and the pause before the
+# next are closed, in seconds.
 SLICE: Final = 0.01
 PAUSE: Final = 0.005
 # The most entities that wait to be closed, because clients may create entities and leave faster
@@ -124,7 +125,7 @@ class DeferredCloseQueue:
             self._timed(close)
 
     def work(self) -> None:
-        """Close for one slice. Called once a turn."""
+        """Close entities for one slice of time. Called once in a turn of the server."""
         self._spent = 0.0
         while self._queue and self._spent < SLICE:
             self._timed(self._queue.popleft())

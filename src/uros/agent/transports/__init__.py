@@ -21,7 +21,7 @@
 ``can``              CAN FD, by python-can
 ``custom``           transports that users write
 ``worker``           threads for lines whose calls may block
-``fault_counter``    counts faults of a transport and thins out their log lines
+``fault_counter``    counts faults of a transport and limits their log lines
 ``remedies``         what the errno of a line means, and what to do
 ``memory``           boards and agent in one process, for tests
 ===================  ============================================================

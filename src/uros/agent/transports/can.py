@@ -223,7 +223,7 @@ class CanServer(ServerTransport):
     def _shut(self, bus: Any) -> None:
         try:
             bus.shutdown()
-        except Exception:  # of a bus that is gone
+        except Exception:  # the bus may be lost already
             pass
 
     def _trouble(self, error: BaseException | None) -> str:

@@ -216,7 +216,7 @@ class CustomServer(ServerTransport):
             return self.name
         try:
             return f"{self.name} {peer}"
-        except BaseException:  # others' code, in our thread: whatever it is, the agent goes on
+        except BaseException:  # a user's code in our thread: the agent continues whatever it raises
             return f"{self.name} {type(peer).__name__}"
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""Counts faults of a transport and thins out their log lines."""
+"""Counts faults of a transport and limits their log lines."""
 
 from __future__ import annotations
 

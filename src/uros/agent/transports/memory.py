@@ -61,7 +61,7 @@ class MemoryServer(ServerTransport):
         """Send one message; it is lost if it cannot be sent."""
         try:
             self._peers[peer].send(datagram)
-        except OSError:  # full, or the board is gone
+        except OSError:  # the buffer is full, or the board has closed its end
             pass
 
     def address(self, peer: int) -> str:

@@ -218,7 +218,7 @@ class StreamListener(ServerTransport):
         try:
             sock, address = listener.accept()
         except (BlockingIOError, ConnectionError):
-            return  # gone again
+            return  # the connection was closed before it was accepted
         except OSError as error:
             # The adapter was unplugged, or there are no descriptors left: open again.
             self._stop(host)

@@ -1,4 +1,4 @@
-"""TCP over IPv4 or IPv6 at the agent's end: each message behind its 16-bit length."""
+"""TCP over IPv4 or IPv6 at the agent's end: each message follows its 16-bit length."""
 
 from __future__ import annotations
 
@@ -145,7 +145,7 @@ class TcpServer(ServerTransport):
         try:
             sock, address = self._socket.accept()
         except (BlockingIOError, ConnectionError):
-            return  # gone again
+            return  # the connection was closed before it was accepted
         except OSError as error:
             # Out of descriptors. The connection stays ready: only waiting helps.
             listener = self._socket

@@ -190,7 +190,7 @@ class Worker:
                 with self._change:
                     self._change.wait_for(lambda: self._over or len(self._come) < MAX_WAITING)
                 self.post((item,))
-        except BaseException as error:  # a user's code: the agent goes on whatever it raises
+        except BaseException as error:  # a user's code: the agent continues whatever it raises
             self._finish(error)
         self._finish(None)
         if writing:

@@ -108,9 +108,9 @@ def _compiled(path: str, text: str) -> tuple[str, bytes]:
 
 
 def _write(out: Path, files: dict[str, bytes]) -> None:
-    """Write the files, and remove those of the other form.
+    """Write the files, and remove the same modules in the other form, ``.py`` or ``.mpy``.
 
-    A board loads the source if both are there.
+    A board would load the source if it had both.
     """
     for name, data in files.items():
         path = out / name
