@@ -201,7 +201,7 @@ def test_the_packages_on_the_page_are_those_of_the_tree():
 
 def test_the_import_rules_on_the_page_are_those_that_are_tested():
     allowed = {}
-    for rooms, may in table(HOUSE, "room", "may import"):
+    for rooms, may in table(HOUSE, "package or module", "may import"):
         named = set() if may == "nothing" else set(may.split(", "))
         for room in rooms.split(", "):
             allowed[room] = set(ALLOWED) - {room} if may == "all above" else named

@@ -1,6 +1,7 @@
-"""The house: which room may import which, what stands where, and that its indexes are whole.
+"""The structure of the project: imports between packages, where modules are, complete indexes.
 
-docs/design has the reasons. Each rule is one test, which lists every place that breaks it.
+docs/design has the reasons. Each rule is one test, which lists everything that breaks it. In the
+names here, a *room* is a package or module directly in src/uros.
 """
 
 import ast
@@ -17,7 +18,7 @@ from support.paths import ROOT
 
 SOURCE = ROOT / "src" / "uros"
 
-# What each room may import besides itself. A name without a folder is a single module.
+# What each room may import besides itself. A name that is no folder is a single module.
 ALLOWED = {
     "wire": {"ticks"},
     "ticks": set(),
@@ -50,7 +51,7 @@ ALLOWED = {
         "token_bucket",
     },
 }  # fmt: skip
-# Walls inside a room: what a package must not import, and why.
+# Packages within a room: what they must not import, and why.
 INNER_WALLS = {
     "uros.agent.transports": (
         ("uros.agent",),
@@ -74,7 +75,7 @@ INNER_WALLS = {
     "uros.boards.deploy": (("uros.boards.virtual",), "deploy is for real boards"),
     "uros.boards.virtual": (("uros.boards.deploy",), "virtual boards are not deployed to"),
 }  # fmt: skip
-# Where only these modules may stand: others belong into one of the folders beside them.
+# Folders that may have these modules alone: others belong into one of the packages there.
 FULL = {
     "": {"__main__", "http_server", "moved", "names", "printable", "qos", "ticks", "token_bucket"},
     "agent": {
@@ -90,12 +91,12 @@ FULL = {
     "boards/virtual": set(),
     "tools": {"cli", "common", "demo", "errors", "fleet", "pages", "waiting"},
 }
-# Not collected by its name: the test of the same folder that is named here runs it.
+# Tests that pytest does not collect by their name, and the test of the same folder that runs them.
 RUN_BY_A_TEST = {"tests/interop/rclpy_middleware.py": "tests/interop/test_ros2_middleware.py"}
-# Small modules that any room of the agent may import.
+# Small modules that every package of the agent may import.
 EVERYBODYS = {"uros.agent.clock", "uros.agent.log"}
-# What in the agent may use a module of the operating system. All else gets the time from the
-# agent's clock, and what it opens from one of these: a simulation replaces them as wholes.
+# The modules of the agent that may use a module of the operating system. All others get the time
+# from the agent's clock, and files and sockets from one of these, which a simulation can replace.
 SYSTEM = {
     "time": ("clock", "observability.prometheus"),  # the latter sleeps, in a thread of its own
     "random": (),
