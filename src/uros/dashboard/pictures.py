@@ -44,7 +44,7 @@ class PictureError(ValueError):
 
 
 class Picture(NamedTuple):
-    """A picture that a browser can show; ``stamp_ns`` is 0 where its header has no time."""
+    """A picture that a browser can show; ``stamp_ns`` is 0 if its header has no time."""
 
     kind: str  # "jpeg" or "png"
     data: bytes

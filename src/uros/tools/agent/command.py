@@ -134,7 +134,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _parts(args: argparse.Namespace) -> list[argparse.Namespace]:
-    """Split the command line into one part for each transport."""
+    """Split the command line into parts, each a transport with its options."""
     parse: Callable[[list[str]], argparse.Namespace] = args.parse_more
     parts = [args]
     while parts[-1].more:

@@ -16,7 +16,7 @@ from ..errors import ToolError
 
 # How long an agent may take for an answer, or for the next part of one, in seconds.
 PATIENCE: Final = 5.0
-# Bounds the memory for an answer that never ends, of a socket that is not an agent's.
+# The most bytes of an answer, because a socket that is not an agent's may send one that never ends.
 MAX_ANSWER: Final = 256 * 1024 * 1024
 
 

@@ -23,7 +23,7 @@ Snapshot = dict[str, Any]
 
 
 def add_parser(transports: Any) -> None:
-    """Declare ``status``, which stands in the place of a transport."""
+    """Declare ``status``, which is given instead of a transport."""
     parser = transports.add_parser(NAME, help=_HELP, description=_HELP)
     parser.add_argument(
         "--agent", type=positive_int, metavar="PID",
@@ -41,7 +41,7 @@ def add_parser(transports: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the state once, or again and again.
+    """Print the state once, or repeatedly with ``--watch``.
 
     Raises:
         ToolError: No agent runs, several run, or it does not answer.
@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
             wide = sys.stdout.isatty()
             width = shutil.get_terminal_size().columns if wide else 10_000
             text = "\n".join(page(snapshot, before, args.verbose, width))
-            # Home, and clear what is below: no flicker.
+            # Move to the top and clear from there, in one write: the screen does not flicker.
             if wide and args.watch:
                 print(f"\033[H\033[J{text}", file=unguarded(sys.stdout), flush=True)
             else:

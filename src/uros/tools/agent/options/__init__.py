@@ -10,6 +10,6 @@
 ``rules``          The options of ``uros agent`` about what boards get on the network
 ``state``          The option of ``uros agent`` about restarts
 ``status_socket``  The options of ``uros agent`` about its status socket and its metrics
-``transports``     The transports of ``uros agent``: their options, and how each is made of them
+``transports``     The transports of ``uros agent``: declares their options and creates them
 =================  ===============================================================================
 """
