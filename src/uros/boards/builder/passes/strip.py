@@ -146,8 +146,9 @@ def _mark_receivers(node: ast.FunctionDef | ast.AsyncFunctionDef, owner: str) ->
     }
     if owner and arguments and not node.decorator_list:
         types[arguments[0].arg] = owner
-    elif owner and arguments:
+    elif owner and arguments:  # a decorator may pass another object, such as the class
         types.pop(arguments[0].arg, None)
+    # A name that is bound again may be an object of another class.
     for inner in ast.walk(node):
         if inner is not node and isinstance(inner, (*FUNCTIONS, ast.Lambda)):
             for name in parameters(inner.args):
