@@ -83,7 +83,7 @@ class BestEffortIn:
     """
 
     __slots__ = ("doubts", "last", "since")
-    since: "int"  # the first of the doubts
+    since: "int"  # time of the first inconsistent message in a row
 
     def __init__(self) -> None:
         self.last = SEQUENCE_MASK
@@ -109,7 +109,7 @@ class ReliableIn:
     """
 
     __slots__ = ("announced", "depth", "doubts", "next", "since", "waiting")
-    since: "int"  # the first of the doubts
+    since: "int"  # time of the first inconsistent message in a row
 
     def __init__(self, depth: int = WINDOW) -> None:
         self.depth = depth
