@@ -208,7 +208,7 @@ MODULES: Final = {
     "uros.tools.typed_values": "uros.tools.values.typed_values",
     "uros.tools.yaml_read": "uros.tools.values.yaml_read",
     "uros.tools.yaml_text": "uros.tools.values.yaml_text",
-    "uros.transport.addresses": "uros.agent.transports.addresses",
+    "uros.transport.addresses": "uros.addresses",
     "uros.transport.base": "uros.agent.transports.base",
     "uros.transport.baud": "uros.agent.transports.baud",
     "uros.transport.canboard": "uros.transport.can",

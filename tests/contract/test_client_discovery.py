@@ -8,7 +8,7 @@ from support.ports import free_port
 from unit.agent.transports.test_discovery import running
 from uros.interfaces.std_msgs.msg import Int32
 
-from uros.agent.transports import addresses
+from uros import addresses
 from uros.agent.transports.discovery import GROUP
 from uros.agent.transports.tcp import TcpServer
 from uros.agent.transports.udp import UdpServer

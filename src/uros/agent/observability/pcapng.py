@@ -14,9 +14,9 @@ import ipaddress
 import struct
 from typing import Final
 
+from ...addresses import own_address
 from ...printable import printable
 from ..objects.kinds import key_label
-from ..transports.addresses import own_address
 from ..transports.base import DEFAULT_PORT, ServerTransport
 from .message_hooks import AGENT, MessageEvent
 

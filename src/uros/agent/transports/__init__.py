@@ -8,7 +8,6 @@
 ``tls``              TCP in TLS
 ``certificates``     the certificates and keys that TLS needs
 ``discovery``        answers boards that search for an agent
-``addresses``        the network addresses of this machine
 ``line``             frames in a stream of bytes, and a line that reconnects
 ``serial``           serial devices and pseudo-terminals, by termios
 ``serial_device``    a serial device by its name, or by a file with the name

@@ -13,13 +13,13 @@ import sys
 from collections.abc import Sequence
 from typing import Final
 
+from ... import addresses
 from ...token_bucket import KeyedTokenBuckets
 from ...wire import ids, session
 from ...wire.cdr import Reader
 from ...wire.errors import DecodeError
 from ...wire.header import MessageWriter, pull_header, pull_subheader
 from ..log import RateLimit
-from . import addresses
 from .base import ERROR, INFO, MAX_BURST, WARNING, Host, ServerTransport, TransportError
 from .ip import Address, bind_trouble, family_of, text_of
 from .tcp import TcpServer

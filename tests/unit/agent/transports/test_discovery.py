@@ -15,11 +15,11 @@ from support.lines import SECONDS, UdpLine
 from unit.agent.helpers import create_client, get_info, message, sub
 from unit.agent.transports.faults import wait_for
 
+from uros import addresses
 from uros.agent.agent import Agent
 from uros.agent.clock import Clock
 from uros.agent.log import Log
 from uros.agent.server import Server
-from uros.agent.transports import addresses
 from uros.agent.transports.base import TransportError
 from uros.agent.transports.certificates import Certificates
 from uros.agent.transports.discovery import (

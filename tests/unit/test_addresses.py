@@ -4,7 +4,7 @@ import socket
 
 import pytest
 
-from uros.agent.transports import addresses
+from uros import addresses
 
 TABLE = """\
 00000000000000000000000000000001 01 80 10 80       lo
