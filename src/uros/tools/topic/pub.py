@@ -224,7 +224,7 @@ class _Mismatches:
         """
         from ... import names
         from ...host.graph_queries import BARE_DDS, UNKNOWN_NODE
-        from ..doctor.qos import mismatches
+        from ...middleware.qos_matching import mismatches
 
         self.looked = time.monotonic()
         named = True

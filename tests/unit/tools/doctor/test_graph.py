@@ -14,12 +14,13 @@ from uros.interfaces.std_msgs.msg import Int32, String
 
 import uros
 from uros.host.network import Network
+from uros.middleware.qos_matching import Mismatch, mismatches
 from uros.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 from uros.tools.doctor import clock
 from uros.tools.doctor import graph as doctor_graph
 from uros.tools.doctor import qos as doctor_qos
 from uros.tools.doctor.graph import End, Picture, check_domains, check_names, check_types, ends
-from uros.tools.doctor.qos import check_qos, mismatches
+from uros.tools.doctor.qos import check_qos
 
 BEST_EFFORT = ReliabilityPolicy.BEST_EFFORT
 TRANSIENT_LOCAL = DurabilityPolicy.TRANSIENT_LOCAL
@@ -449,7 +450,7 @@ def test_names_of_unknown_nodes():
 def test_names_are_quoted_in_commands():
     """Whoever copies the line into a shell runs uros, and nothing else."""
     evil = "/x; rm -rf ~"
-    one = doctor_qos.Mismatch("reliability", "best_effort", "reliable", "a=b", "a=c")
+    one = Mismatch("reliability", "best_effort", "reliable", "a=b", "a=c")
     fix = doctor_qos._fix(evil, "/board", "/other", one, {"/board"})
     assert shlex.split(fix)[-1] == evil + ":a=b"
     told = graph((evil, "w", True, "A", "INVALID"), (evil, "r", False, "B", "INVALID"))
