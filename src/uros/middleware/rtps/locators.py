@@ -1,0 +1,87 @@
+"""Locators (RTPS 9.3.2): transport addresses, and the ports of domains and participants (9.6.2)."""
+
+from __future__ import annotations
+
+import socket
+import struct
+from typing import Final, NamedTuple
+
+UDPV4: Final = 1
+UDPV6: Final = 2
+SIZE: Final = 24
+MULTICAST_GROUP: Final = "239.255.0.1"
+
+# The well-known ports: 7400 + 250 for each domain + 2 for each participant + an offset.
+_BASE: Final = 7400
+_PER_DOMAIN: Final = 250
+_PER_PARTICIPANT: Final = 2
+_METATRAFFIC_MULTICAST: Final = 0
+_METATRAFFIC_UNICAST: Final = 10
+_USER_MULTICAST: Final = 1
+_USER_UNICAST: Final = 11
+_MAX_PORT: Final = 0xFFFF
+
+
+class Locator(NamedTuple):
+    """A UDP address.
+
+    Attributes:
+        kind: :data:`UDPV4` or :data:`UDPV6`.
+        port: The UDP port, 1 to 65535.
+        address: The numeric IP address.
+    """
+
+    kind: int
+    port: int
+    address: str
+
+    @property
+    def is_multicast(self) -> bool:
+        """Whether the address is one of a multicast group."""
+        if self.kind == UDPV4:
+            return 224 <= int(self.address.partition(".")[0]) < 240
+        return self.address.lower().startswith("ff")
+
+
+def decode(raw: bytes, little: bool) -> Locator | None:
+    """Read a locator of 24 octets.
+
+    Returns:
+        None for one of another transport, such as shared memory, and for an address that datagrams
+        cannot be sent to: port 0, the unspecified address or broadcast.
+    """
+    kind, port = struct.unpack_from("<iI" if little else ">iI", raw)
+    if not 0 < port <= _MAX_PORT:
+        return None
+    if kind == UDPV4:
+        packed = raw[20:24]
+        if packed in (bytes(4), b"\xff\xff\xff\xff"):
+            return None
+        return Locator(kind, port, socket.inet_ntop(socket.AF_INET, packed))
+    if kind == UDPV6:
+        if raw[8:24] == bytes(16):
+            return None
+        return Locator(kind, port, socket.inet_ntop(socket.AF_INET6, raw[8:24]))
+    return None
+
+
+def encode(locator: Locator) -> bytes:
+    """Return a locator as 24 octets, little endian."""
+    family = socket.AF_INET if locator.kind == UDPV4 else socket.AF_INET6
+    packed = socket.inet_pton(family, locator.address)
+    return struct.pack("<iI", locator.kind, locator.port) + packed.rjust(16, b"\0")
+
+
+def multicast_port(domain: int) -> int:
+    """Return the port on which all participants of a domain receive announcements."""
+    return _BASE + _PER_DOMAIN * domain + _METATRAFFIC_MULTICAST
+
+
+def metatraffic_port(domain: int, index: int) -> int:
+    """Return the port of a participant for discovery."""
+    return _BASE + _PER_DOMAIN * domain + _METATRAFFIC_UNICAST + _PER_PARTICIPANT * index
+
+
+def user_port(domain: int, index: int) -> int:
+    """Return the port of a participant for data."""
+    return _BASE + _PER_DOMAIN * domain + _USER_UNICAST + _PER_PARTICIPANT * index
