@@ -1,0 +1,407 @@
+"""A reader's side of RTPS: what it has of each writer, and what it asks for.
+
+A :class:`StatefulReader` takes submessages and the time, and gives samples, acknowledgements and a
+deadline (RTPS 8.4.10, 8.4.12). It uses neither sockets nor a clock.
+
+A reliable reader delivers each writer's samples in order and once. Where it lacks some, it asks for
+them when a heartbeat says that the writer has them; what the writer no longer has, or says is not
+for this reader, is passed over. A best-effort reader delivers what is newer than the last.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Final, NamedTuple
+
+from . import ids, parameters
+from .parameters import InlineQos
+from .reassembly import MAX_INCOMPLETE, IncompleteSample, OctetBudget
+from .submessages import (
+    MAX_BITS,
+    DataFrag,
+    Gap,
+    Heartbeat,
+    HeartbeatFrag,
+    MalformedError,
+    encode_acknack,
+    encode_nack_frag,
+    unpadded,
+)
+
+# Attack: samples far ahead of what is expected, each of which would be held. Numbers, and what an
+# entry costs besides its octets.
+MAX_AHEAD: Final = 4096
+_OVERHEAD: Final = 200
+# A writer that does not answer the first acknowledgement with a heartbeat is asked again, after
+# these seconds; Fast DDS repeats its own after 3.
+_ASK_AFTER: Final = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)
+# Samples that come before the first heartbeat wait for it, as the first of them may be lost, until
+# so many questions were not answered; then the lowest of them is the first.
+_MAX_UNANSWERED: Final = 3
+_COUNT_HALF: Final = 0x8000_0000
+
+
+class Sample(NamedTuple):
+    """A received sample.
+
+    Attributes:
+        payload: With its encapsulation header; None where it disposes or unregisters without one.
+        writer: The GUID of its writer.
+        number: Its sequence number.
+        inline_qos: What its inline QoS says; None without one.
+        is_key: Whether the payload is a key.
+    """
+
+    payload: bytes | None
+    writer: bytes
+    number: int
+    inline_qos: InlineQos | None
+    is_key: bool
+
+
+def is_newer(counter: int, last: int | None) -> bool:
+    """Return whether a counter of 32 bits that wraps is above the last one."""
+    return last is None or 0 < (counter - last) & 0xFFFF_FFFF < _COUNT_HALF
+
+
+class WriterProxy:
+    """What a reader knows of one matched writer.
+
+    Attributes:
+        guid: The writer's GUID.
+        reliable: Whether it repeats what is lost.
+        expected: The number after the last that was delivered or passed over; None until the first
+            HEARTBEAT or GAP.
+        held: Samples beyond ``expected`` by number; None for numbers that are passed over.
+        lost: Samples that the writer no longer had.
+    """
+
+    __slots__ = (
+        "ack_at", "acknack_counter", "asked", "expected", "guid", "heartbeat_counter", "held",
+        "held_octets", "highest", "incomplete", "lost", "nack_frag_counter", "reliable",
+    )  # fmt: skip
+
+    def __init__(self, guid: bytes, reliable: bool, now: float) -> None:
+        self.guid = guid
+        self.reliable = reliable
+        self.expected: int | None = None
+        self.held: dict[int, Sample | None] = {}
+        self.held_octets = 0
+        self.incomplete: dict[int, IncompleteSample] = {}
+        self.highest = 0  # the last number that the writer is known to have
+        self.heartbeat_counter: int | None = None
+        self.acknack_counter = 0
+        self.nack_frag_counter = 0
+        self.lost = 0
+        self.asked = 0  # first acknowledgements that no heartbeat answered
+        self.ack_at: float | None = now if reliable else None
+
+
+class StatefulReader:
+    """A reader with its matched writers.
+
+    Attributes:
+        guid: Its GUID.
+        reliable: Whether it asks for what is lost.
+        writers: Its matched writers by GUID.
+        malformed: Samples whose inline QoS was not valid, which were dropped.
+
+    Args:
+        guid: Its GUID.
+        reliable: Whether it is reliable.
+        from_first: Whether it wants what a writer wrote before they matched (transient local).
+        deliver: Called with each sample, in order; returns False where there is no room: a reliable
+            reader then does not acknowledge it and gets it again.
+        budget: For samples that are incomplete or early.
+    """
+
+    def __init__(
+        self,
+        guid: bytes,
+        reliable: bool,
+        from_first: bool,
+        deliver: Callable[[Sample], bool],
+        budget: OctetBudget,
+    ) -> None:
+        self.guid = guid
+        self.reliable = reliable
+        self.writers: dict[bytes, WriterProxy] = {}
+        self.malformed = 0
+        self._from_first = from_first
+        self._deliver = deliver
+        self._budget = budget
+        self._entity = guid[ids.PREFIX_SIZE :]
+
+    # --- writers --------------------------------------------------------------------------
+
+    def match(self, guid: bytes, reliable: bool, now: float) -> None:
+        """Add a writer, or change nothing where it is known."""
+        if guid not in self.writers:
+            self.writers[guid] = WriterProxy(guid, reliable and self.reliable, now)
+
+    def unmatch(self, guid: bytes) -> None:
+        """Remove a writer with what is held of it; idempotent."""
+        proxy = self.writers.pop(guid, None)
+        if proxy is not None:
+            self._budget.give_back(proxy.held_octets)
+            for incomplete in proxy.incomplete.values():
+                incomplete.close()
+
+    def close(self) -> None:
+        """Remove all writers."""
+        for guid in list(self.writers):
+            self.unmatch(guid)
+
+    # --- what comes -----------------------------------------------------------------------
+
+    def on_data(
+        self,
+        writer: bytes,
+        number: int,
+        payload: bytes | memoryview | None,
+        inline_qos: bytes | None,
+        little: bool,
+        is_key: bool,
+    ) -> None:
+        """Handle DATA of a matched writer; of another it is dropped.
+
+        Args:
+            writer: The writer's GUID.
+            number: The sequence number.
+            payload: The sample with its encapsulation header; None without one.
+            inline_qos: The inline QoS as octets; None without one.
+            little: Its byte order.
+            is_key: Whether the payload is a key.
+        """
+        proxy = self.writers.get(writer)
+        if proxy is None or not self._is_wanted(proxy, number):
+            return
+        qos = None
+        if inline_qos is not None:
+            try:
+                qos = parameters.read_inline_qos(inline_qos, little)
+            except MalformedError:
+                self.malformed += 1
+                return
+        octets = None if payload is None else unpadded(bytes(payload))
+        self._accept(proxy, Sample(octets, writer, number, qos, is_key))
+
+    def on_fragments(self, writer: bytes, fragment: DataFrag) -> None:
+        """Handle DATA_FRAG of a matched writer; of another it is dropped."""
+        proxy = self.writers.get(writer)
+        number = fragment.number
+        if proxy is None or not self._is_wanted(proxy, number) or number in proxy.held:
+            return
+        incomplete = proxy.incomplete.get(number)
+        if incomplete is None:
+            if not IncompleteSample.is_acceptable(fragment):
+                if proxy.reliable and proxy.expected is not None:
+                    self._pass_over(proxy, number)  # it would be asked for without end
+                    self._deliver_held(proxy)
+                return
+            if len(proxy.incomplete) >= MAX_INCOMPLETE:
+                oldest = min(proxy.incomplete)
+                if proxy.reliable and oldest < number:
+                    return  # the older one first; this one is asked for later
+                proxy.incomplete.pop(oldest).close()
+                proxy.lost += 1
+            incomplete = proxy.incomplete[number] = IncompleteSample(fragment, self._budget)
+        payload = incomplete.add(fragment)
+        if payload is None:
+            return
+        qos, is_key = incomplete.inline_qos, incomplete.is_key
+        del proxy.incomplete[number]
+        incomplete.close()
+        raw, little = qos if qos is not None else (None, True)
+        self.on_data(writer, number, payload, raw, little, is_key)
+
+    def on_heartbeat(self, writer: bytes, heartbeat: Heartbeat, now: float) -> None:
+        """Handle HEARTBEAT of a matched reliable writer; one that comes late is dropped."""
+        proxy = self.writers.get(writer)
+        if proxy is None or not proxy.reliable:
+            return
+        if not is_newer(heartbeat.counter, proxy.heartbeat_counter):
+            return
+        proxy.heartbeat_counter = heartbeat.counter
+        proxy.asked = 0
+        proxy.ack_at = None
+        proxy.highest = max(proxy.highest, heartbeat.last)
+        if proxy.expected is None:
+            proxy.expected = min([heartbeat.first, *proxy.held])
+        if heartbeat.first > proxy.expected:
+            proxy.lost += (
+                heartbeat.first
+                - proxy.expected
+                - sum(number < heartbeat.first for number in proxy.held)
+            )
+            self._advance(proxy, heartbeat.first)
+        self._deliver_held(proxy)
+        if not heartbeat.final or self._lacks(proxy):
+            proxy.ack_at = now
+
+    def on_gap(self, writer: bytes, gap: Gap) -> None:
+        """Handle GAP of a matched reliable writer."""
+        proxy = self.writers.get(writer)
+        if proxy is None or not proxy.reliable:
+            return
+        proxy.highest = max(proxy.highest, gap.base - 1, *gap.irrelevant)
+        start = gap.start
+        if proxy.expected is not None and start <= proxy.expected:
+            self._advance(proxy, gap.base)
+            start = proxy.expected
+        for number in (*range(start, min(gap.base, start + MAX_AHEAD)), *gap.irrelevant):
+            self._pass_over(proxy, number)
+        self._deliver_held(proxy)
+
+    def on_heartbeat_frag(self, writer: bytes, heartbeat: HeartbeatFrag, now: float) -> None:
+        """Handle HEARTBEAT_FRAG: ask for the fragments that should have come."""
+        proxy = self.writers.get(writer)
+        if proxy is None or not proxy.reliable:
+            return
+        incomplete = proxy.incomplete.get(heartbeat.number)
+        if incomplete is not None:
+            incomplete.highest = max(incomplete.highest, min(heartbeat.last, incomplete.last))
+            proxy.ack_at = now
+
+    def _is_wanted(self, proxy: WriterProxy, number: int) -> bool:
+        if proxy.expected is None:
+            return len(proxy.held) < MAX_AHEAD
+        if number < proxy.expected:
+            return False
+        return not proxy.reliable or number < proxy.expected + MAX_AHEAD
+
+    def _accept(self, proxy: WriterProxy, sample: Sample) -> None:
+        number = sample.number
+        proxy.highest = max(proxy.highest, number)
+        if not proxy.reliable:
+            if proxy.expected is not None:
+                proxy.lost += number - proxy.expected
+            proxy.expected = number + 1
+            for old in [number for number in proxy.incomplete if number < proxy.expected]:
+                proxy.incomplete.pop(old).close()
+            if not self._deliver(sample):
+                proxy.lost += 1
+            return
+        if number == proxy.expected:
+            if self._deliver(sample):
+                proxy.expected = number + 1
+                self._deliver_held(proxy)
+            return
+        if number in proxy.held:
+            return
+        octets = _OVERHEAD + (len(sample.payload) if sample.payload is not None else 0)
+        if self._budget.take(octets):
+            proxy.held_octets += octets
+            proxy.held[number] = sample
+
+    def _pass_over(self, proxy: WriterProxy, number: int) -> None:
+        """Note that a number is not for this reader."""
+        if not self._is_wanted(proxy, number) or number in proxy.held:
+            return
+        if not self._budget.take(_OVERHEAD):
+            return
+        proxy.held_octets += _OVERHEAD
+        proxy.held[number] = None
+        incomplete = proxy.incomplete.pop(number, None)
+        if incomplete is not None:
+            incomplete.close()
+
+    def _advance(self, proxy: WriterProxy, to: int) -> None:
+        """Deliver what is held below ``to``, and pass over the rest of it."""
+        assert proxy.expected is not None
+        for number in sorted(number for number in proxy.held if number < to):
+            sample = proxy.held[number]
+            if sample is not None and not self._deliver(sample):
+                to = number  # it is asked for again, if the writer still has it
+                break
+            self._release(proxy, number)
+        for number in [number for number in proxy.incomplete if number < to]:
+            proxy.incomplete.pop(number).close()
+        proxy.expected = max(proxy.expected, to)
+
+    def _release(self, proxy: WriterProxy, number: int) -> None:
+        sample = proxy.held.pop(number)
+        octets = _OVERHEAD
+        if sample is not None and sample.payload is not None:
+            octets += len(sample.payload)
+        proxy.held_octets -= octets
+        self._budget.give_back(octets)
+
+    def _deliver_held(self, proxy: WriterProxy) -> None:
+        """Deliver what is held and now in order."""
+        while proxy.expected is not None and proxy.expected in proxy.held:
+            sample = proxy.held[proxy.expected]
+            if sample is not None and not self._deliver(sample):
+                return
+            self._release(proxy, proxy.expected)
+            proxy.expected += 1
+
+    def resume(self, now: float) -> None:
+        """Deliver what had no room before, and ask for the rest; the caller has made room."""
+        for proxy in self.writers.values():
+            if proxy.reliable and proxy.expected is not None:
+                self._deliver_held(proxy)
+                if self._lacks(proxy):
+                    proxy.ack_at = now
+
+    # --- what it sends -----------------------------------------------------------------------
+
+    def _lacks(self, proxy: WriterProxy) -> bool:
+        return proxy.expected is not None and proxy.expected <= proxy.highest
+
+    def next_deadline(self) -> float | None:
+        """Return when :meth:`poll` has something to send, or None."""
+        return min(
+            (proxy.ack_at for proxy in self.writers.values() if proxy.ack_at is not None),
+            default=None,
+        )
+
+    def poll(self, now: float) -> Iterator[tuple[bytes, bytes]]:
+        """Yield (GUID of the writer, submessages) of the acknowledgements that are due."""
+        for proxy in list(self.writers.values()):
+            if proxy.ack_at is not None and proxy.ack_at <= now:
+                yield proxy.guid, self._answer(proxy, now)
+
+    def _answer(self, proxy: WriterProxy, now: float) -> bytes:
+        entity = proxy.guid[ids.PREFIX_SIZE :]
+        if proxy.heartbeat_counter is None:
+            # Nothing is known of the writer: an empty acknowledgement that asks for a heartbeat.
+            # Fast DDS answers one of base 0, which others do not accept.
+            base = 0 if proxy.guid.startswith(ids.FAST_DDS) else proxy.expected or 1
+            proxy.ack_at = None
+            if proxy.held and proxy.asked >= _MAX_UNANSWERED and proxy.expected is None:
+                proxy.expected = min(proxy.held)
+                self._deliver_held(proxy)
+            if proxy.asked < len(_ASK_AFTER):
+                proxy.ack_at = now + _ASK_AFTER[proxy.asked]
+                proxy.asked += 1
+            return self._acknack(proxy, entity, base, [], False)
+        proxy.ack_at = None
+        assert proxy.expected is not None
+        base = proxy.expected
+        stop = min(proxy.highest, base + MAX_BITS - 1)
+        missing, fragments = [], b""
+        for number in range(base, stop + 1):
+            if number in proxy.held:
+                continue
+            incomplete = proxy.incomplete.get(number)
+            if incomplete is None:
+                missing.append(number)
+                continue
+            # While fragments arrive, those behind the highest may be on their way.
+            lacking = incomplete.missing(
+                incomplete.highest if incomplete.has_progressed else incomplete.last
+            )
+            incomplete.has_progressed = False
+            if lacking:
+                proxy.nack_frag_counter += 1
+                fragments += encode_nack_frag(
+                    self._entity, entity, number, lacking, proxy.nack_frag_counter
+                )
+        return self._acknack(proxy, entity, base, missing, not missing) + fragments
+
+    def _acknack(
+        self, proxy: WriterProxy, entity: bytes, base: int, missing: list[int], final: bool
+    ) -> bytes:
+        proxy.acknack_counter += 1
+        return encode_acknack(self._entity, entity, base, missing, proxy.acknack_counter, final)

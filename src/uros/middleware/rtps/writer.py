@@ -1,0 +1,462 @@
+"""A writer's side of RTPS: its history, and what each matched reader has of it.
+
+A :class:`StatefulWriter` takes samples, acknowledgements and the time, and gives submessages and a
+deadline (RTPS 8.4.7, 8.4.9). It uses neither sockets nor a clock.
+
+The history keeps what late readers may want (transient local), and what reliable readers have not
+acknowledged, within the depth. A number that a reader asks for and that is not kept, was not for
+it, or is from before it matched, is answered by a GAP.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final, NamedTuple
+
+from . import ids
+from .reader import is_newer
+from .submessages import (
+    MAX_BITS,
+    AckNack,
+    NackFrag,
+    encode_data,
+    encode_data_frag,
+    encode_gap,
+    encode_heartbeat,
+)
+
+# Seconds between heartbeats while a reader has not acknowledged everything, at first and at last:
+# a reader that does not answer is asked more and more seldom.
+_HEARTBEAT_FIRST: Final = 0.05
+_HEARTBEAT_LAST: Final = 2.0
+# Attack: a request for all of a large sample, again and again. Octets that are sent again to one
+# reader at once; the rest follows after a pause, in seconds.
+_RESEND_OCTETS: Final = 32 * 1024
+_RESEND_PAUSE: Final = 0.002
+
+
+class Change(NamedTuple):
+    """A sample in the history.
+
+    Attributes:
+        number: Its sequence number.
+        payload: The sample with its encapsulation header; None for a farewell.
+        inline_qos: Inline QoS, little endian; empty without one.
+        time_ns: When it was written, in ns since 1970.
+        readers: The GUIDs of the only readers that it is for; None: for all.
+        is_key: Whether the payload is a key.
+        with_header: The payload for readers that expect the identity of a request in it, and not in
+            inline QoS; None where there is no such difference.
+    """
+
+    number: int
+    payload: bytes | None
+    inline_qos: bytes
+    time_ns: int
+    readers: frozenset[bytes] | None
+    is_key: bool
+    with_header: bytes | None
+
+    def is_for(self, reader: bytes) -> bool:
+        """Return whether it is for the reader of a GUID."""
+        return self.readers is None or reader in self.readers
+
+
+class Packet(NamedTuple):
+    """Submessages for one reader, or for all matched readers.
+
+    Attributes:
+        reader: The GUID of the reader; None: for all.
+        submessages: The submessages, which must stay in one message.
+        time_ns: The source time of DATA in it; None without DATA.
+    """
+
+    reader: bytes | None
+    submessages: bytes
+    time_ns: int | None
+
+
+class ReaderProxy:
+    """What a writer knows of one matched reader.
+
+    Attributes:
+        guid: The reader's GUID.
+        reliable: Whether it acknowledges.
+        first: The first number that is for it.
+        acked: All numbers up to this one are acknowledged.
+        wants_header: Whether it expects the identity of a request in the payload.
+    """
+
+    __slots__ = (
+        "acked", "acknack_counter", "first", "fragments", "guid", "heartbeat_at",
+        "heartbeat_pause", "nack_frag_counter", "reliable", "requested", "resend_at",
+        "wants_header",
+    )  # fmt: skip
+
+    def __init__(self, guid: bytes, reliable: bool, first: int, wants_header: bool) -> None:
+        self.guid = guid
+        self.reliable = reliable
+        self.first = first
+        self.acked = first - 1
+        self.acknack_counter: int | None = None
+        self.nack_frag_counter: int | None = None
+        self.requested: set[int] = set()  # numbers to send again
+        self.fragments: dict[int, set[int]] = {}  # fragments to send again, by number
+        self.resend_at: float | None = None
+        self.heartbeat_at: float | None = None
+        self.heartbeat_pause = _HEARTBEAT_FIRST
+        self.wants_header = wants_header
+
+
+class StatefulWriter:
+    """A writer with its matched readers.
+
+    Attributes:
+        guid: Its GUID.
+        reliable: Whether it sends again what is lost.
+        readers: Its matched readers by GUID.
+        last: The last sequence number written; 0: none.
+
+    Args:
+        guid: Its GUID.
+        reliable: Whether it is reliable.
+        transient_local: Whether late readers get what is in the history.
+        depth: Samples that the history keeps; None: all that are not acknowledged, and all for
+            late readers, up to ``limit``.
+        fragment_size: Octets of a fragment; longer samples are sent in fragments.
+        limit: The most samples in the history with ``depth`` None.
+    """
+
+    def __init__(
+        self,
+        guid: bytes,
+        reliable: bool,
+        transient_local: bool,
+        depth: int | None,
+        fragment_size: int,
+        limit: int = 5000,
+    ) -> None:
+        self.guid = guid
+        self.reliable = reliable
+        self.readers: dict[bytes, ReaderProxy] = {}
+        self.last = 0
+        self._transient_local = transient_local
+        self._depth = depth
+        self._limit = limit
+        self._fragment_size = fragment_size
+        self._history: dict[int, Change] = {}  # in order of their numbers
+        self._expiring: set[int] = set()  # numbers that late readers do not get
+        self._counter = 0  # of heartbeats
+        self._entity = guid[ids.PREFIX_SIZE :]
+
+    # --- readers --------------------------------------------------------------------------
+
+    def match(
+        self, guid: bytes, reliable: bool, wants_history: bool, now: float,
+        wants_header: bool = False,
+    ) -> list[Packet]:  # fmt: skip
+        """Add a reader, or change nothing where it is known.
+
+        Args:
+            guid: The reader's GUID.
+            reliable: Whether it is reliable.
+            wants_history: Whether it is transient local.
+            now: The time in seconds.
+            wants_header: Whether it expects the identity of a request in the payload.
+
+        Returns:
+            What it is sent at once: the history for a best-effort reader, else a heartbeat.
+        """
+        if guid in self.readers:
+            return []
+        late = wants_history and self._transient_local and bool(self._history)
+        first = next(iter(self._history)) if late else self.last + 1
+        proxy = self.readers[guid] = ReaderProxy(
+            guid, reliable and self.reliable, first, wants_header
+        )
+        if proxy.reliable:
+            self._schedule_heartbeat(proxy, now)
+            return [Packet(guid, self._heartbeat(proxy, False), None)]
+        if not late:
+            return []
+        return [
+            packet
+            for change in list(self._history.values())
+            if change.is_for(guid)
+            for packet in self._data(change, proxy)
+        ]
+
+    def unmatch(self, guid: bytes) -> None:
+        """Remove a reader; idempotent."""
+        if self.readers.pop(guid, None) is not None:
+            self._trim()
+
+    # --- samples --------------------------------------------------------------------------
+
+    def has_room(self) -> bool:
+        """Return whether a sample can be written: False with ``depth`` None and a full history."""
+        if self._depth is not None or len(self._history) < self._limit:
+            return True
+        if self._transient_local:  # the oldest that all readers have makes room
+            oldest = next(iter(self._history))
+            return all(proxy.acked >= oldest for proxy in self.readers.values() if proxy.reliable)
+        return False
+
+    def write(
+        self,
+        payload: bytes | None,
+        time_ns: int,
+        now: float,
+        inline_qos: bytes = b"",
+        readers: frozenset[bytes] | None = None,
+        is_key: bool = False,
+        with_header: bytes | None = None,
+    ) -> list[Packet]:
+        """Write a sample; call it only if :meth:`has_room`.
+
+        Args:
+            payload: The sample with its encapsulation header; None for a farewell.
+            time_ns: The time, in ns since 1970.
+            now: The time of deadlines, in seconds.
+            inline_qos: Inline QoS, little endian, with its sentinel; empty without one.
+            readers: The GUIDs of the only readers that it is for; None: for all.
+            is_key: Whether the payload is a key.
+            with_header: The payload for readers that want the header, see :class:`Change`.
+
+        Returns:
+            What is to be sent.
+        """
+        self.last += 1
+        change = Change(self.last, payload, inline_qos, time_ns, readers, is_key, with_header)
+        waits = any(proxy.reliable for proxy in self.readers.values())
+        if self._transient_local or waits:
+            self._history[self.last] = change
+            self._evict()
+        packets: list[Packet] = []
+        is_for_all = readers is None and with_header is None
+        if is_for_all and self.readers:
+            packets += self._data(change, None)
+        for proxy in self.readers.values():
+            if not is_for_all and change.is_for(proxy.guid):
+                packets += self._data(change, proxy)
+            if not proxy.reliable:
+                continue
+            if not change.is_for(proxy.guid):
+                # Otherwise its next acknowledgement would ask for it.
+                packets += self._gaps(proxy, [self.last])
+            self._schedule_heartbeat(proxy, now)
+        return packets
+
+    def heartbeat_for_burst(self) -> bytes:
+        """Return a heartbeat that asks all readers for an acknowledgement, to follow a burst.
+
+        Empty where no reader has to acknowledge anything.
+        """
+        if not any(proxy.reliable and proxy.acked < self.last for proxy in self.readers.values()):
+            return b""
+        return self._heartbeat(None, False)
+
+    def _evict(self) -> None:
+        """Keep the history within its depth."""
+        most = self._depth if self._depth is not None else self._limit
+        while len(self._history) > most:
+            del self._history[next(iter(self._history))]
+
+    def _trim(self) -> None:
+        """Drop what all reliable readers have, where no late reader wants it."""
+        acked = min(
+            (proxy.acked for proxy in self.readers.values() if proxy.reliable), default=self.last
+        )
+        if self._transient_local:
+            for number in [number for number in self._expiring if number <= acked]:
+                self.remove(number)
+            return
+        while self._history:
+            oldest = next(iter(self._history))
+            if oldest > acked:
+                break
+            del self._history[oldest]
+
+    def history(self) -> list[Change]:
+        """Return the samples that a late reader gets, oldest first."""
+        if not self._transient_local:
+            return []
+        return [change for change in self._history.values() if change.readers is None]
+
+    def remove(self, number: int) -> None:
+        """Drop a sample from the history; idempotent."""
+        self._history.pop(number, None)
+        self._expiring.discard(number)
+
+    def expire(self, number: int) -> None:
+        """Drop a sample as soon as the readers that are matched now have acknowledged it."""
+        self._expiring.add(number)
+        self._trim()
+
+    def _first(self) -> int:
+        """The first number in the history; behind the last where it is empty."""
+        return next(iter(self._history), self.last + 1)
+
+    def is_acknowledged(self) -> bool:
+        """Return whether all reliable readers have everything."""
+        return all(proxy.acked >= self.last for proxy in self.readers.values() if proxy.reliable)
+
+    # --- what comes -----------------------------------------------------------------------
+
+    def on_acknack(self, reader: bytes, acknack: AckNack, now: float) -> None:
+        """Handle ACKNACK of a matched reader; one that comes late is dropped."""
+        proxy = self.readers.get(reader)
+        if proxy is None or not proxy.reliable:
+            return
+        if not is_newer(acknack.counter, proxy.acknack_counter):
+            return
+        proxy.acknack_counter = acknack.counter
+        acked = min(acknack.base - 1, self.last)
+        if acked > proxy.acked:
+            proxy.acked = acked
+            proxy.heartbeat_pause = _HEARTBEAT_FIRST
+            proxy.requested = {number for number in proxy.requested if number > acked}
+            for number in [number for number in proxy.fragments if number <= acked]:
+                del proxy.fragments[number]
+            self._trim()
+        asked = [number for number in acknack.missing if acked < number <= self.last]
+        if asked:
+            proxy.requested.update(asked)
+            proxy.resend_at = proxy.resend_at or now
+        if proxy.acked >= self.last:
+            proxy.heartbeat_at = None
+        else:
+            self._schedule_heartbeat(proxy, now)
+        if not acknack.final and not asked:
+            proxy.heartbeat_at = now  # it asks what there is
+
+    def on_nack_frag(self, reader: bytes, nack: NackFrag, now: float) -> None:
+        """Handle NACK_FRAG of a matched reader; one that comes late is dropped."""
+        proxy = self.readers.get(reader)
+        if proxy is None or not proxy.reliable:
+            return
+        if not is_newer(nack.counter, proxy.nack_frag_counter):
+            return
+        proxy.nack_frag_counter = nack.counter
+        if nack.number <= self.last:
+            proxy.fragments.setdefault(nack.number, set()).update(nack.missing)
+            proxy.resend_at = proxy.resend_at or now
+
+    # --- what it sends -----------------------------------------------------------------------
+
+    def next_deadline(self) -> float | None:
+        """Return when :meth:`poll` has something to send, or None."""
+        deadline = None
+        for proxy in self.readers.values():
+            for at in (proxy.resend_at, proxy.heartbeat_at):
+                if at is not None and (deadline is None or at < deadline):
+                    deadline = at
+        return deadline
+
+    def poll(self, now: float) -> Iterator[Packet]:
+        """Yield what is due: samples to send again, gaps and heartbeats."""
+        for proxy in list(self.readers.values()):
+            if proxy.resend_at is not None and proxy.resend_at <= now:
+                yield from self._resend(proxy, now)
+            if proxy.heartbeat_at is not None and proxy.heartbeat_at <= now:
+                yield Packet(proxy.guid, self._heartbeat(proxy, False), None)
+                proxy.heartbeat_at = None
+                if proxy.acked < self.last:
+                    proxy.heartbeat_at = now + proxy.heartbeat_pause
+                    proxy.heartbeat_pause = min(_HEARTBEAT_LAST, proxy.heartbeat_pause * 2)
+
+    def _schedule_heartbeat(self, proxy: ReaderProxy, now: float) -> None:
+        if proxy.heartbeat_at is None:
+            proxy.heartbeat_at = now + proxy.heartbeat_pause
+
+    def _heartbeat(self, proxy: ReaderProxy | None, final: bool) -> bytes:
+        self._counter += 1
+        reader = ids.ENTITY_UNKNOWN if proxy is None else proxy.guid[ids.PREFIX_SIZE :]
+        return encode_heartbeat(
+            reader, self._entity, self._first(), self.last, self._counter & 0x7FFF_FFFF, final
+        )
+
+    def _data(self, change: Change, proxy: ReaderProxy | None) -> Iterator[Packet]:
+        """DATA, or DATA_FRAG of all fragments; for all readers, or for one in its form."""
+        guid = None if proxy is None else proxy.guid
+        reader = ids.ENTITY_UNKNOWN if guid is None else guid[ids.PREFIX_SIZE :]
+        payload, inline_qos = _form(change, proxy)
+        if payload is None or len(payload) <= self._fragment_size:
+            data = encode_data(
+                reader, self._entity, change.number, payload, inline_qos, change.is_key
+            )
+            yield Packet(guid, data, change.time_ns)
+            return
+        for number in range(1, -(-len(payload) // self._fragment_size) + 1):
+            yield Packet(guid, self._fragment(change, proxy, number), change.time_ns)
+
+    def _fragment(self, change: Change, proxy: ReaderProxy | None, number: int) -> bytes:
+        payload, inline_qos = _form(change, proxy)
+        assert payload is not None
+        start = (number - 1) * self._fragment_size
+        return encode_data_frag(
+            ids.ENTITY_UNKNOWN if proxy is None else proxy.guid[ids.PREFIX_SIZE :],
+            self._entity, change.number, number, self._fragment_size, len(payload),
+            memoryview(payload)[start : start + self._fragment_size], inline_qos,
+        )  # fmt: skip
+
+    def _resend(self, proxy: ReaderProxy, now: float) -> Iterator[Packet]:
+        """What the reader asked for, up to so many octets."""
+        proxy.resend_at = None
+        octets = 0
+        irrelevant: list[int] = []
+        for number in sorted(proxy.requested | proxy.fragments.keys()):
+            if octets >= _RESEND_OCTETS:
+                proxy.resend_at = now + _RESEND_PAUSE
+                break
+            change = self._history.get(number)
+            if change is None or number < proxy.first or not change.is_for(proxy.guid):
+                proxy.requested.discard(number)
+                proxy.fragments.pop(number, None)
+                irrelevant.append(number)
+                continue
+            for packet in self._asked_data(proxy, change):
+                octets += len(packet.submessages)
+                yield packet
+                if octets >= _RESEND_OCTETS:
+                    break
+        yield from self._gaps(proxy, irrelevant)
+
+    def _asked_data(self, proxy: ReaderProxy, change: Change) -> Iterator[Packet]:
+        number = change.number
+        payload, _ = _form(change, proxy)
+        if payload is None or len(payload) <= self._fragment_size:
+            proxy.requested.discard(number)
+            proxy.fragments.pop(number, None)
+            yield from self._data(change, proxy)
+            return
+        last = -(-len(payload) // self._fragment_size)
+        asked = proxy.fragments.setdefault(number, set())
+        if number in proxy.requested:
+            proxy.requested.discard(number)
+            asked.update(range(1, last + 1))
+        for fragment in sorted(asked):
+            asked.discard(fragment)
+            if not asked:
+                del proxy.fragments[number]
+            if fragment <= last:
+                yield Packet(proxy.guid, self._fragment(change, proxy, fragment), change.time_ns)
+
+    def _gaps(self, proxy: ReaderProxy, numbers: list[int]) -> Iterator[Packet]:
+        """GAP submessages for these numbers, which rise."""
+        reader = proxy.guid[ids.PREFIX_SIZE :]
+        while numbers:
+            start = base = numbers[0]
+            while numbers and numbers[0] == base:
+                numbers.pop(0)
+                base += 1
+            near = [number for number in numbers if number < base + MAX_BITS]
+            del numbers[: len(near)]
+            yield Packet(proxy.guid, encode_gap(reader, self._entity, start, base, near), None)
+
+
+def _form(change: Change, proxy: ReaderProxy | None) -> tuple[bytes | None, bytes]:
+    """Payload and inline QoS in the form of a reader."""
+    if proxy is not None and proxy.wants_header and change.with_header is not None:
+        return change.with_header, b""
+    return change.payload, change.inline_qos
