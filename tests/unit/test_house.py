@@ -27,28 +27,29 @@ ALLOWED = {
     "printable": set(),
     "http_server": set(),
     "token_bucket": set(),
+    "addresses": set(),
     "drivers": set(),
     "control": set(),
     "qos": {"wire"},
     "interfaces": {"wire"},
     "transport": {"wire", "ticks", "agent"},
     "client": {"wire", "interfaces", "qos", "ticks"},
-    "middleware": {"interfaces", "qos", "names", "token_bucket"},
+    "middleware": {"interfaces", "qos", "names", "token_bucket", "addresses"},
     "agent": {
         "wire", "ticks", "transport", "middleware", "qos", "names", "printable", "http_server",
-        "token_bucket",
+        "token_bucket", "addresses",
     },
     "host": {"client", "middleware", "interfaces", "qos", "names", "printable"},
     "dashboard": {"drivers", "http_server"},
     "boards": {
         "wire", "transport", "client", "control", "drivers", "middleware", "interfaces", "agent",
         "host", "dashboard", "qos", "ticks", "names", "printable", "http_server", "moved",
-        "token_bucket",
+        "token_bucket", "addresses",
     },
     "tools": {
         "wire", "transport", "client", "control", "drivers", "middleware", "interfaces", "agent",
         "host", "boards", "dashboard", "qos", "ticks", "names", "printable", "http_server", "moved",
-        "token_bucket",
+        "token_bucket", "addresses",
     },
 }  # fmt: skip
 # Packages within a room: what they must not import, and why.
@@ -77,7 +78,17 @@ INNER_WALLS = {
 }  # fmt: skip
 # Folders that may have these modules alone: others belong into one of the packages there.
 FULL = {
-    "": {"__main__", "http_server", "moved", "names", "printable", "qos", "ticks", "token_bucket"},
+    "": {
+        "__main__",
+        "addresses",
+        "http_server",
+        "moved",
+        "names",
+        "printable",
+        "qos",
+        "ticks",
+        "token_bucket",
+    },
     "agent": {
         "agent",
         "clock",

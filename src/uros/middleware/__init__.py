@@ -5,10 +5,12 @@ each lives in a module or package of its own that is imported only when asked fo
 
 ==================  ==========================================================================
 ``base``            The contract of a middleware: nodes, endpoints, services, QoS and errors.
+``qos_matching``    Finds the QoS policies that keep a writer and a reader from matching.
 ``graph``           What a middleware knows of the ROS graph, by DDS names.
 ``memory``          A network inside this process, for tests and examples.
 ``ced``             The same, with any text as a name, as the CED middleware of the C++ agent.
 ``dds``             Nodes in the ROS 2 network by Cyclone DDS, without an installed ROS.
+``rtps``            Nodes in the ROS 2 network by DDSI-RTPS in Python, without a DDS library.
 ``ros2``            Nodes in the ROS 2 network by rclpy, on any RMW.
 ``auto``            The agent's default: topics over ``dds``, services over ``ros2``.
 ``services``        What the middlewares share for services.
@@ -37,6 +39,7 @@ NAMES = {
     "memory": ("uros.middleware.memory", ""),
     "ced": ("uros.middleware.ced", ""),
     "dds": ("uros.middleware.dds", "python -m pip install cyclonedds"),
+    "rtps": ("uros.middleware.rtps", ""),
     "ros2": (
         "uros.middleware.ros2",
         "source /opt/ros/<distro>/setup.bash and start with the Python of that distribution, or,"

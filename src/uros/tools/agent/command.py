@@ -26,7 +26,7 @@ _MIDDLEWARES: Final = {
     "ros2": "ros2",
     "memory": "memory",
     "ced": "ced",
-    "rtps": "dds",
+    "rtps": "rtps",
 }
 
 
@@ -40,8 +40,8 @@ _GENERAL: Final = OptionGroup()
 _GENERAL.add(
     "-m", "--middleware", choices=tuple(_MIDDLEWARES), metavar="NAME", default="auto",
     help="middleware to use: auto (default: dds, and ros2 for services if rclpy is installed), dds"
-    " (also named rtps), ros2, memory (boards reach only each other), or ced (as memory, with any"
-    " text as a name)",
+    " (Cyclone DDS), rtps (without a DDS library), ros2, memory (boards reach only each other), or"
+    " ced (as memory, with any text as a name)",
 )  # fmt: skip
 _GENERAL.add("--distro", metavar="NAME", type=distro_name, help=DISTRO_HELP)
 _GENERAL.add(
@@ -189,6 +189,8 @@ def _serve(options: argparse.Namespace, parts: list[argparse.Namespace]) -> int:
         log(INFO, "Root", "main", "domain overridden", f"domain_id: {options.domain}")
     elif domain_of_agent:
         log(INFO, "Root", "main", "domain of the agent", f"domain_id: {domain_of_agent} (for 255)")
+    if options.middleware == "rtps":
+        log(INFO, "Root", "main", "RTPS in Python", "rtps was a second name of dds until now")
     messages = capture.open_capture(options, agent)
     store = state.make_session_store(options, log)
     if store is not None:

@@ -139,7 +139,7 @@ def test_every_middleware_has_its_name_and_those_of_the_cpp_agent():
     assert set(command._MIDDLEWARES.values()) <= set(NAMES)
     for name, opened in command._MIDDLEWARES.items():
         assert command._MIDDLEWARES[options(f"udp4 -m {name}").middleware] == opened
-    assert command._MIDDLEWARES["rtps"] == "dds" and command._MIDDLEWARES["ced"] == "ced"
+    assert command._MIDDLEWARES["rtps"] == "rtps" and command._MIDDLEWARES["ced"] == "ced"
 
 
 def test_discovery_and_its_port():

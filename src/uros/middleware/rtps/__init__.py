@@ -1,0 +1,37 @@
+"""DDSI-RTPS in Python: nodes in the ROS 2 network without a DDS library.
+
+================  ================================================================================
+``ids``           The numbers of the protocol.
+``locators``      Transport addresses, and the ports of domains and participants.
+``submessages``   Messages as octets and as submessages.
+``parameters``    Parameter lists: discovery data and inline QoS.
+``reassembly``    Samples that arrive in fragments.
+``reader``        A reader's side: order, acknowledgements.
+``writer``        A writer's side: history, heartbeats, repetition.
+``participant``   Discovery, endpoints and destinations, without sockets or a clock.
+``udp``           The sockets of one domain.
+``endpoints``     The contract's writers and readers.
+``domain``        One domain: participant, sockets, discovery info of its nodes.
+``services``      Service clients and servers in the forms of rmw_fastrtps and rmw_cyclonedds.
+``node``          One ROS node.
+``graph``         The graph of a domain, with rate-limited changes.
+``middleware``    Implements the contract of :mod:`uros.middleware.base`.
+================  ================================================================================
+
+Each module imports only modules listed above it.
+"""
+
+from __future__ import annotations
+
+from ..base import Middleware
+
+
+def create() -> Middleware:
+    """Return an RTPS middleware configured by this process's environment.
+
+    Raises:
+        MiddlewareError: The environment is wrong, or this platform lacks what it needs.
+    """
+    from .middleware import RtpsMiddleware
+
+    return RtpsMiddleware()

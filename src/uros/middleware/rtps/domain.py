@@ -1,0 +1,332 @@
+"""One domain: a participant of ours, its sockets, and what all nodes in the domain share."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import time
+from collections.abc import Callable, Mapping
+from typing import Final, Protocol
+
+from ...qos import QoSProfile
+from .. import user_data
+from ..discovery_info import codec
+from ..discovery_info.gid_size import GidSizeSelector
+from ..discovery_info.intake import MAX_UNREAD, TURN, Intake
+from ..environment import discovery_range
+from ..qos_matching import Mismatch
+from ..type_conflicts import TypeConflicts
+from . import ids
+from .endpoints import RtpsReader, RtpsWriter
+from .parameters import EndpointData, ParticipantData
+from .participant import LocalReader, LocalWriter, Participant
+from .reader import Sample
+from .udp import DomainSockets
+
+# A board creates its entities within a few milliseconds: one message for all. Seconds.
+_SETTLE: Final = 0.02
+_INTERVAL: Final = 0.1
+# Attack: topics without end whose endpoints do not match. Pairs that are reported once.
+_MAX_REPORTED: Final = 1000
+
+
+class DomainContext(Protocol):
+    """What a domain uses of the middleware."""
+
+    batching: bool
+    on_type_conflict: Callable[[str, str, str], None] | None
+
+    def notice(self, text: str) -> None:
+        """Give the user a line."""
+
+    def ready(self, reader: RtpsReader) -> None:
+        """Have the reader's ``on_ready`` called by the next dispatch."""
+
+
+class RtpsDomain:
+    """A domain that is joined.
+
+    Attributes:
+        number: The domain.
+        participant: Our participant.
+        nodes: Our nodes; after a change call :meth:`changed`.
+        intake: The nodes of other participants.
+        watchers: Called after changes of the graph.
+        service_ids: Numbers for the ids of service clients and servers.
+
+    Args:
+        context: The middleware.
+        number: The domain.
+        environment: The environment variables.
+        gid_size: Octets of a Gid that ROS_DISTRO asks for, or None.
+
+    Raises:
+        MiddlewareError: The domain cannot be joined.
+    """
+
+    def __init__(
+        self,
+        context: DomainContext,
+        number: int,
+        environment: Mapping[str, str],
+        gid_size: int | None,
+    ) -> None:
+        self.number = number
+        self.nodes: list[codec.NodeEntities] = []
+        self.intake = Intake(number, context.notice)
+        self.watchers: list[Callable[[], None]] = []
+        self.service_ids = itertools.count(1)
+        self._context = context
+        self._reported: set[tuple[bytes, bytes]] = set()
+        self._writers: dict[str, list[RtpsWriter]] = {}
+        self._readers: dict[str, list[RtpsReader]] = {}
+        self._info_at: float | None = None
+        self._info_sent = 0.0
+        self._gid_size = GidSizeSelector(number, gid_size, self._on_gid_size, context.notice)
+        self._conflicts = TypeConflicts(self._on_type_conflict)
+        peers = [peer for peer in environment.get("ROS_STATIC_PEERS", "").split(";") if peer]
+        self._sockets = DomainSockets(number, discovery_range(environment), peers)
+        self.participant = Participant(
+            ids.VENDOR + os.urandom(ids.PREFIX_SIZE - len(ids.VENDOR)), number,
+            self._sockets.unicast, self._sockets.multicast, self._sockets.peers,
+            user_data.PARTICIPANT, time.monotonic(),
+        )  # fmt: skip
+        self.participant.on_participant = self._on_participant
+        self.participant.on_endpoint = self._on_endpoint
+        self.participant.on_mismatch = self._on_mismatch
+        self._info_writer = RtpsWriter(self, codec.TOPIC, codec.TYPE, codec.qos())
+        self._info_again_at: float | None = None  # when discovery info is read again
+        self._info_reader: RtpsReader | None = self._create_info_reader()
+
+    # --- what endpoints use (see endpoints.EndpointOwner) --------------------------------------
+
+    def ready(self, reader: RtpsReader) -> None:
+        """Have the reader's ``on_ready`` called by the next dispatch."""
+        self._context.ready(reader)
+
+    def written(self) -> None:
+        """Send what was written, unless the caller flushes."""
+        if not self._context.batching:
+            self.flush()
+
+    def create_local_writer(
+        self, topic: str, type_name: str, qos: QoSProfile,
+        wants_header: Callable[[EndpointData], bool] | None,
+    ) -> LocalWriter:  # fmt: skip
+        """Create and announce a writer."""
+        now, wall = time.monotonic(), time.time_ns()
+        writer = self.participant.create_writer(topic, type_name, qos, now, wall, wants_header)
+        self._add_type(writer.data, True)
+        return writer
+
+    def create_local_reader(
+        self, topic: str, type_name: str, qos: QoSProfile, deliver: Callable[[Sample], bool]
+    ) -> LocalReader:
+        """Create and announce a reader."""
+        now, wall = time.monotonic(), time.time_ns()
+        reader = self.participant.create_reader(topic, type_name, qos, deliver, now, wall)
+        self._add_type(reader.data, True)
+        return reader
+
+    def delete(self, endpoint: LocalWriter | LocalReader) -> None:
+        """Delete an endpoint and announce that."""
+        self.participant.delete(endpoint, time.monotonic(), time.time_ns())
+        self._conflicts.remove(endpoint.data.guid)
+        self._changed_graph()
+
+    def join(self, endpoint: RtpsWriter | RtpsReader) -> None:
+        """Connect an endpoint with those of this process that match it."""
+        topic = endpoint.local.data.topic
+        if isinstance(endpoint, RtpsWriter):
+            self._writers.setdefault(topic, []).append(endpoint)
+            for reader in self._readers.get(topic, ()):
+                if endpoint.matches(reader):
+                    endpoint.readers.append(reader)
+        else:
+            self._readers.setdefault(topic, []).append(endpoint)
+            for writer in self._writers.get(topic, ()):
+                if writer.matches(endpoint):
+                    writer.readers.append(endpoint)
+                    if endpoint.local.data.qos.transient_local:
+                        for sample in writer.past():
+                            endpoint.put(sample)
+        self._changed_graph()
+
+    def leave(self, endpoint: RtpsWriter | RtpsReader) -> None:
+        """Undo :meth:`join`."""
+        topic = endpoint.local.data.topic
+        if isinstance(endpoint, RtpsWriter):
+            self._writers[topic].remove(endpoint)
+            if not self._writers[topic]:
+                del self._writers[topic]
+            return
+        self._readers[topic].remove(endpoint)
+        if not self._readers[topic]:
+            del self._readers[topic]
+        for writer in self._writers.get(topic, ()):
+            if endpoint in writer.readers:
+                writer.readers.remove(endpoint)
+
+    # --- nodes -----------------------------------------------------------------------------
+
+    def changed(self) -> None:
+        """Schedule discovery info: nodes or endpoints were created or closed."""
+        if self._info_at is None:
+            self._info_at = max(time.monotonic() + _SETTLE, self._info_sent + _INTERVAL)
+        self._changed_graph()
+
+    def _write_info(self) -> None:
+        sample = codec.encode(self.participant.guid, self.nodes, self._gid_size.size)
+        self._info_sent = time.monotonic()
+        self._info_at = None if self._info_writer.write(sample) else self._info_sent + _INTERVAL
+
+    def _on_gid_size(self, size: int) -> None:
+        self.changed()
+
+    # --- discovery -------------------------------------------------------------------------
+
+    def _create_info_reader(self) -> RtpsReader:
+        qos = codec.qos()
+        # The topic has no key: with a depth of 1 participants would displace each other's samples.
+        qos.depth = MAX_UNREAD
+        return RtpsReader(self, codec.TOPIC, codec.TYPE, qos, self._on_info)
+
+    def _on_info(self) -> None:
+        """Read discovery info within the limits of the intake."""
+        reader = self._info_reader
+        if reader is None:
+            return
+        latest: dict[bytes, bytes] = {}  # sample by participant
+        octets = 0
+        while octets < TURN:
+            samples = reader.take_samples(1)
+            if not samples:
+                break
+            (received,) = samples
+            sample = received.payload or b""
+            if received.writer == self._info_writer.guid:
+                continue
+            counts, cost = self.intake.cost(received.writer, sample)
+            if counts:
+                latest[codec.subject_of(sample)] = sample
+            octets += cost
+        else:
+            reader.again()
+        for sample in latest.values():
+            self.intake.accept(sample)
+        now = time.monotonic()
+        pause = self.intake.charge(octets, now)
+        if pause is not None:
+            self._info_reader = None
+            self._info_again_at = now + pause
+            reader.close()
+        if latest:
+            self._update_gid_size()
+            self._changed_graph()
+
+    def _on_participant(self, data: ParticipantData, is_there: bool) -> None:
+        if is_there:
+            self._update_gid_size()
+        else:
+            self.intake.forget(data.guid)
+        self._changed_graph()
+
+    def _on_endpoint(self, data: EndpointData, is_there: bool) -> None:
+        if is_there:
+            self._add_type(data, False)
+        else:
+            self._conflicts.remove(data.guid)
+        self._changed_graph()
+
+    def _update_gid_size(self) -> None:
+        self._gid_size.update(self.participants(), self.intake.gid_sizes)
+
+    def participants(self) -> dict[bytes, bytes]:
+        """Return USER_DATA of the participants, ours included, by GUID."""
+        found = {
+            remote.data.guid: remote.data.user_data for remote in self.participant.remotes.values()
+        }
+        found[self.participant.guid] = user_data.PARTICIPANT
+        return found
+
+    def endpoints(self) -> dict[bytes, EndpointData]:
+        """Return the endpoints of the domain, ours included, by GUID."""
+        found: dict[bytes, EndpointData] = {}
+        for remote in self.participant.remotes.values():
+            found.update(remote.endpoints)
+        for writers in self._writers.values():
+            found.update((writer.guid, writer.local.data) for writer in writers)
+        for readers in self._readers.values():
+            found.update((reader.guid, reader.local.data) for reader in readers)
+        return found
+
+    def _changed_graph(self) -> None:
+        for watcher in self.watchers:
+            watcher()
+
+    def _add_type(self, data: EndpointData, is_ours: bool) -> None:
+        if self._context.on_type_conflict is not None and data.topic != codec.TOPIC:
+            self._conflicts.add(data.guid, data.topic, data.type_name, is_ours)
+
+    def _on_type_conflict(self, topic: str, own_type: str, other_type: str) -> None:
+        if self._context.on_type_conflict is not None:
+            self._context.on_type_conflict(topic, own_type, other_type)
+
+    def _on_mismatch(self, ours: EndpointData, theirs: EndpointData, why: list[Mismatch]) -> None:
+        pair = ours.guid, theirs.guid
+        if pair in self._reported or len(self._reported) >= _MAX_REPORTED:
+            return
+        self._reported.add(pair)
+        names = ", ".join(f"{one.policy} ({one.offered} offered, {one.requested} requested)"
+                          for one in why)  # fmt: skip
+        role = "writer" if ours.is_writer else "reader"
+        other = "reader" if ours.is_writer else "writer"
+        self._context.notice(
+            f"a {role} of {ours.topic} in domain {self.number} does not match a {other} of another"
+            f" participant: {names}"
+        )
+
+    # --- the data plane ----------------------------------------------------------------------
+
+    def filenos(self) -> list[int]:
+        """Return the descriptors that are readable when datagrams have come."""
+        return self._sockets.filenos()
+
+    def receive(self) -> None:
+        """Handle a burst of datagrams, and send what they cause."""
+        now = time.monotonic()
+        for datagram, source in self._sockets.receive():
+            self.participant.receive(datagram, source, now)
+        self.tick()
+
+    def next_deadline(self) -> float | None:
+        """Return when :meth:`tick` has work."""
+        deadlines = [self.participant.next_deadline(), self._info_at, self._info_again_at]
+        return min((at for at in deadlines if at is not None), default=None)
+
+    def tick(self) -> None:
+        """Do what is due by time."""
+        now = time.monotonic()
+        if self._info_at is not None and self._info_at <= now:
+            self._write_info()
+        if self._info_again_at is not None and self._info_again_at <= now:
+            self._info_again_at = None
+            self._info_reader = self._create_info_reader()
+        self.participant.poll(now)
+        self._send()
+
+    def flush(self) -> None:
+        """Send what is held back."""
+        self.participant.flush(time.monotonic())
+        self._send()
+
+    def _send(self) -> None:
+        outgoing, self.participant.outgoing = self.participant.outgoing, []
+        for datagram, place in outgoing:
+            self._sockets.send(datagram, place)
+
+    def close(self) -> None:
+        """Say farewell and close the sockets."""
+        self.participant.close()
+        self._send()
+        self._sockets.close()

@@ -1,0 +1,243 @@
+"""Writers and readers of nodes: the contract of a middleware on a participant's endpoints.
+
+Endpoints of this process that match are joined directly: nothing of theirs goes over a socket.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+from itertools import islice
+from typing import Protocol
+
+from ...qos import HistoryPolicy, QoSProfile
+from ..base import MAX_PAST, Bytes, OnReady, Reader, Writer
+from ..qos_matching import mismatches
+from .parameters import EndpointData, InlineQos, write_related_identity
+from .participant import LocalReader, LocalWriter
+from .reader import Sample
+
+
+def _nothing() -> None:
+    """An endpoint without a node has nobody to tell."""
+
+
+class EndpointOwner(Protocol):
+    """What endpoints need of the domain that they are in."""
+
+    def ready(self, reader: RtpsReader) -> None:
+        """Have the reader's ``on_ready`` called by the next dispatch."""
+
+    def written(self) -> None:
+        """Note that datagrams wait for a flush; flush at once without batching."""
+
+    def create_local_writer(
+        self, topic: str, type_name: str, qos: QoSProfile,
+        wants_header: Callable[[EndpointData], bool] | None,
+    ) -> LocalWriter:  # fmt: skip
+        """Create and announce a writer."""
+
+    def create_local_reader(
+        self, topic: str, type_name: str, qos: QoSProfile, deliver: Callable[[Sample], bool]
+    ) -> LocalReader:
+        """Create and announce a reader."""
+
+    def delete(self, endpoint: LocalWriter | LocalReader) -> None:
+        """Delete an endpoint and announce that."""
+
+    def join(self, endpoint: RtpsWriter | RtpsReader) -> None:
+        """Connect an endpoint with those of this process that match it."""
+
+    def leave(self, endpoint: RtpsWriter | RtpsReader) -> None:
+        """Undo :meth:`join`."""
+
+
+class RtpsWriter(Writer):
+    """A publisher's writer.
+
+    Attributes:
+        local: Its reader and writer of RTPS.
+        readers: The readers of this process that match.
+        on_close: Called when it is closed.
+    """
+
+    __slots__ = ("_domain", "is_open", "local", "on_close", "readers")
+
+    def __init__(
+        self, domain: EndpointOwner, topic: str, type_name: str, qos: QoSProfile,
+        wants_header: Callable[[EndpointData], bool] | None = None,
+    ) -> None:  # fmt: skip
+        self._domain = domain
+        self.on_close: Callable[[], None] = _nothing
+        self.readers: list[RtpsReader] = []
+        self.local = domain.create_local_writer(topic, type_name, qos, wants_header)
+        self.is_open = True
+        domain.join(self)
+
+    @property
+    def guid(self) -> bytes:
+        """Its GUID."""
+        return self.local.data.guid
+
+    def write(self, cdr: Bytes) -> bool:
+        """Write a sample; False where the history has no room."""
+        return self.write_related(bytes(cdr), None, None, None)
+
+    def write_related(
+        self,
+        payload: bytes,
+        related: tuple[bytes, int] | None,
+        readers: frozenset[bytes] | None,
+        with_header: bytes | None,
+    ) -> bool:
+        """Write a request or a reply.
+
+        Args:
+            payload: The sample with its encapsulation header.
+            related: The identity that goes along in inline QoS; None without one.
+            readers: GUIDs of the only readers that it is for; None: for all.
+            with_header: The sample for readers that want the identity in it.
+
+        Returns:
+            False where the history has no room.
+        """
+        inline_qos = b"" if related is None else write_related_identity(*related)
+        now, wall = time.monotonic(), time.time_ns()
+        if not self.local.write(payload, wall, now, inline_qos, readers, with_header):
+            return False
+        if self.readers:
+            qos = None if related is None else InlineQos(related=related)
+            received = Sample(payload, self.guid, self.local.state.last, qos, False)
+            for reader in self.readers:
+                if readers is None or reader.guid in readers:
+                    reader.put(received)
+        self._domain.written()
+        return True
+
+    def matches(self, reader: RtpsReader) -> bool:
+        """Return whether a reader of this process matches."""
+        ours, theirs = self.local.data, reader.local.data
+        return (
+            ours.topic == theirs.topic
+            and ours.type_name == theirs.type_name
+            and not mismatches(ours.qos, theirs.qos)
+        )
+
+    def past(self) -> list[Sample]:
+        """Return the samples that a late reader gets."""
+        return [
+            Sample(change.payload, self.guid, change.number, None, False)
+            for change in self.local.state.history()
+        ]
+
+    def matched(self) -> int:
+        """Return how many readers match it, those of this process included."""
+        return len(self.readers) + self.local.matched() if self.is_open else 0
+
+    def close(self) -> None:
+        """Leave the topic; idempotent."""
+        if self.is_open:
+            self.is_open = False
+            self._domain.leave(self)
+            self._domain.delete(self.local)
+            self.on_close()
+            self._domain.written()
+
+
+class RtpsReader(Reader):
+    """A subscription's reader.
+
+    Attributes:
+        local: Its reader of RTPS.
+        on_ready: Called by a dispatch after samples have come.
+        on_close: Called when it is closed.
+        is_open: Whether it was not closed.
+        is_announced: Whether ``on_ready`` was called, or will be, since the last take.
+    """
+
+    __slots__ = (
+        "_depth", "_domain", "_samples", "_unreported", "_was_full", "is_announced", "is_open",
+        "local", "on_close", "on_ready",
+    )  # fmt: skip
+
+    def __init__(
+        self, domain: EndpointOwner, topic: str, type_name: str, qos: QoSProfile, on_ready: OnReady
+    ) -> None:
+        self._domain = domain
+        self.on_ready = on_ready
+        self.on_close: Callable[[], None] = _nothing
+        self.is_announced = False
+        self._depth = None if qos.history == HistoryPolicy.KEEP_ALL else max(1, qos.depth)
+        self._samples: deque[Sample] = deque(maxlen=self._depth)
+        self._unreported = 0  # the newest of them, whose sizes were not asked for
+        self._was_full = False
+        self.local = domain.create_local_reader(topic, type_name, qos, self._deliver)
+        self.is_open = True
+        domain.join(self)
+
+    @property
+    def guid(self) -> bytes:
+        """Its GUID."""
+        return self.local.data.guid
+
+    def _deliver(self, sample: Sample) -> bool:
+        """Take a sample of a remote writer; False where there is no room."""
+        if sample.payload is None or sample.is_key:
+            return True  # it disposes of an instance: these topics have none
+        if self._depth is None and len(self._samples) >= MAX_PAST:
+            self._was_full = True
+            return False
+        self.put(sample)
+        return True
+
+    def put(self, sample: Sample) -> None:
+        """Store a sample."""
+        self._samples.append(sample)
+        self._unreported += 1
+        if not self.is_announced:
+            self.is_announced = True
+            self._domain.ready(self)
+
+    def take_samples(self, limit: int) -> list[Sample]:
+        """Take samples with what is known of them, oldest first."""
+        self.is_announced = False
+        if not self.is_open:
+            return []
+        samples = [self._samples.popleft() for _ in range(min(limit, len(self._samples)))]
+        self._unreported = min(self._unreported, len(self._samples))
+        if self._was_full and len(self._samples) < MAX_PAST:
+            self._was_full = False
+            self.local.state.resume(time.monotonic())
+        return samples
+
+    def take(self, limit: int) -> list[bytes]:
+        """Take samples, oldest first."""
+        return [sample.payload for sample in self.take_samples(limit) if sample.payload is not None]
+
+    def arrived(self, limit: int) -> list[int]:
+        """Return the octets of samples that have arrived and were not asked for before."""
+        self.is_announced = False
+        count = len(self._samples)
+        unreported = min(self._unreported, count)
+        reported = min(unreported, limit)
+        self._unreported = unreported - reported
+        first = count - unreported
+        return [
+            len(sample.payload or b"") for sample in islice(self._samples, first, first + reported)
+        ]
+
+    def again(self) -> None:
+        """Have ``on_ready`` called once more."""
+        self.is_announced = True
+        self._domain.ready(self)
+
+    def close(self) -> None:
+        """Leave the topic; idempotent."""
+        if self.is_open:
+            self.is_open = False
+            self._domain.leave(self)
+            self._domain.delete(self.local)
+            self.on_close()
+            self._samples.clear()
+            self._domain.written()

@@ -1,0 +1,153 @@
+"""The contract of :mod:`uros.middleware.base` on RTPS, without a DDS library."""
+
+from __future__ import annotations
+
+import os
+import selectors
+import time
+from collections.abc import Callable
+from typing import Final
+
+from ..base import Middleware, MiddlewareError, check_domain
+from ..discovery_info.gid_size import configured_gid_size
+from ..environment import discovery_range
+from ..wakeup_fd import WakeupFd
+from .domain import RtpsDomain
+from .endpoints import RtpsReader
+from .graph import RtpsGraph
+from .node import RtpsNode
+
+# Attack: a node in each of the 233 domains. Each costs some sockets; 1024 descriptors are the usual
+# limit of a process.
+MAX_DOMAINS: Final = 32
+
+
+class RtpsMiddleware(Middleware):
+    """Nodes on RTPS, configured by this process's environment.
+
+    A domain is joined by its first node, and left with the middleware. There is no thread: the
+    caller's selector wakes up for :meth:`fileno`, and calls :meth:`tick` in time.
+
+    Raises:
+        MiddlewareError: ROS_AUTOMATIC_DISCOVERY_RANGE has a value that does not exist, or this
+            platform has neither epoll nor kqueue.
+    """
+
+    name = "rtps"
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._environment = dict(os.environ)
+        discovery_range(self._environment)  # a wrong value is reported at once
+        self._domains: dict[int, RtpsDomain] = {}
+        self._graphs: list[RtpsGraph] = []
+        self._ready: dict[RtpsReader, None] = {}
+        self._selector = selectors.DefaultSelector()
+        if not hasattr(self._selector, "fileno"):
+            raise MiddlewareError(
+                "the rtps middleware needs epoll or kqueue, which this platform has not: use -m dds"
+            )
+        self._wakeup = WakeupFd()
+        self._selector.register(self._wakeup.fileno(), selectors.EVENT_READ, self._wakeup.clear)
+        self._closed = False
+
+    def create_node(
+        self, domain: int, namespace: str, name: str, localhost_only: bool = False
+    ) -> RtpsNode:
+        """Create a node.
+
+        Raises:
+            MiddlewareError: The domain cannot be joined, or not on loopback alone.
+        """
+        check_domain(domain)
+        if localhost_only and discovery_range(self._environment) not in ("LOCALHOST", "OFF"):
+            raise MiddlewareError(
+                "a client wants a participant that never leaves this machine, and domain"
+                f" {domain} is open to the network: start the agent with"
+                " ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
+            )
+        return RtpsNode(self._domain(domain), namespace, name)
+
+    def _domain(self, number: int) -> RtpsDomain:
+        domain = self._domains.get(number)
+        if domain is None:
+            if len(self._domains) >= MAX_DOMAINS:
+                raise MiddlewareError(
+                    f"domain {number} would be one more than the {MAX_DOMAINS} that this agent may"
+                    " join: let it have an agent of its own"
+                )
+            gid_size = configured_gid_size(self._environment)
+            domain = RtpsDomain(self, number, self._environment, gid_size)
+            self._domains[number] = domain
+            for fileno in domain.filenos():
+                self._selector.register(fileno, selectors.EVENT_READ, domain.receive)
+        return domain
+
+    def graph(self, domain: int, on_change: Callable[[], None]) -> RtpsGraph:
+        """Watch the graph of a domain until the result is closed."""
+        check_domain(domain)
+        graph = RtpsGraph(self._domain(domain), on_change, self._graphs.remove)
+        self._graphs.append(graph)
+        return graph
+
+    def ready(self, reader: RtpsReader) -> None:
+        """Have a reader's ``on_ready`` called by the next dispatch."""
+        if not self._ready:
+            self._wakeup.set()
+        self._ready[reader] = None
+
+    def fileno(self) -> int:
+        """Return the descriptor that is readable when :meth:`dispatch` has work."""
+        return int(self._selector.fileno())
+
+    def dispatch(self) -> None:
+        """Receive, and call ``on_ready`` of each reader that received something."""
+        if self._closed:
+            return
+        for handle in dict.fromkeys(key.data for key, _ in self._selector.select(0)):
+            handle()
+        self.dispatch_local()
+
+    def dispatch_local(self) -> None:
+        """Call ``on_ready`` of each reader that has a sample."""
+        for reader in list(self._ready):
+            if reader not in self._ready:
+                continue  # closed meanwhile
+            del self._ready[reader]
+            try:
+                if reader.is_open:
+                    reader.on_ready()
+            except BaseException:
+                self._wakeup.set()  # for the others
+                raise
+
+    def flush(self) -> None:
+        """Send the samples that writers hold back."""
+        for domain in self._domains.values():
+            domain.flush()
+
+    def next_deadline(self) -> float | None:
+        """Return when :meth:`tick` has work (``time.monotonic``), or None."""
+        deadlines = [domain.next_deadline() for domain in self._domains.values()]
+        deadlines += [graph.due for graph in self._graphs]
+        return min((at for at in deadlines if at is not None), default=None)
+
+    def tick(self) -> None:
+        """Do what is due by time: announcements, heartbeats, acknowledgements, the graph."""
+        for domain in self._domains.values():
+            domain.tick()
+        now = time.monotonic()
+        for graph in list(self._graphs):
+            if graph.due is not None and graph.due <= now:
+                graph.tick(now)
+
+    def close(self) -> None:
+        """Leave all domains; idempotent."""
+        if self._closed:
+            return
+        self._closed = True
+        for domain in self._domains.values():
+            domain.close()
+        self._ready.clear()
+        self._selector.close()
+        self._wakeup.close()
