@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import os
 import time
+from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Final, Protocol
 
@@ -18,6 +19,7 @@ from ..qos_matching import Mismatch
 from ..type_conflicts import TypeConflicts
 from . import ids
 from .endpoints import RtpsReader, RtpsWriter
+from .locators import Locator
 from .parameters import EndpointData, ParticipantData
 from .participant import LocalReader, LocalWriter, Participant
 from .reader import Sample
@@ -26,6 +28,14 @@ from .udp import DomainSockets
 # A board creates its entities within a few milliseconds: one message for all. Seconds.
 _SETTLE: Final = 0.02
 _INTERVAL: Final = 0.1
+# A sample of megabytes must not keep the data plane from the boards, nor overflow the receiver's
+# buffer, which has 208 kB on Linux: octets that are sent to one place at once, and the pause after
+# that, in seconds.
+_SLICE: Final = 64 * 1024
+_PAUSE: Final = 0.001
+# A writer that is faster than that for long: datagrams that wait for one place. Others are lost, as
+# on a network; reliable writers repeat them.
+_MAX_BACKLOG: Final = 50_000
 # Attack: topics without end whose endpoints do not match. Pairs that are reported once.
 _MAX_REPORTED: Final = 1000
 
@@ -80,6 +90,9 @@ class RtpsDomain:
         self._reported: set[tuple[bytes, bytes]] = set()
         self._writers: dict[str, list[RtpsWriter]] = {}
         self._readers: dict[str, list[RtpsReader]] = {}
+        # Datagrams behind a slice, by place; those that follow have to wait too.
+        self._backlog: dict[Locator, deque[bytes]] = {}
+        self._backlog_at: float | None = None
         self._info_at: float | None = None
         self._info_sent = 0.0
         self._gid_size = GidSizeSelector(number, gid_size, self._on_gid_size, context.notice)
@@ -301,7 +314,10 @@ class RtpsDomain:
 
     def next_deadline(self) -> float | None:
         """Return when :meth:`tick` has work."""
-        deadlines = [self.participant.next_deadline(), self._info_at, self._info_again_at]
+        deadlines = [
+            self.participant.next_deadline(), self._info_at, self._info_again_at,
+            self._backlog_at,
+        ]  # fmt: skip
         return min((at for at in deadlines if at is not None), default=None)
 
     def tick(self) -> None:
@@ -322,11 +338,35 @@ class RtpsDomain:
 
     def _send(self) -> None:
         outgoing, self.participant.outgoing = self.participant.outgoing, []
+        octets: dict[Locator, int] = {}
         for datagram, place in outgoing:
+            sent = octets.get(place, 0)
+            if place in self._backlog or sent >= _SLICE:
+                waiting = self._backlog.setdefault(place, deque())
+                if len(waiting) < _MAX_BACKLOG:
+                    waiting.append(datagram)
+                continue
+            octets[place] = sent + len(datagram)
             self._sockets.send(datagram, place)
+        now = time.monotonic()
+        if self._backlog_at is not None and self._backlog_at <= now:
+            self._backlog_at = None
+            for place, datagrams in list(self._backlog.items()):
+                self._send_slice(place, datagrams)
+        if self._backlog and self._backlog_at is None:
+            self._backlog_at = now + _PAUSE
+
+    def _send_slice(self, place: Locator, datagrams: deque[bytes]) -> None:
+        octets = 0
+        while datagrams and octets < _SLICE:
+            octets += len(datagrams[0])
+            self._sockets.send(datagrams.popleft(), place)
+        if not datagrams:
+            del self._backlog[place]
 
     def close(self) -> None:
         """Say farewell and close the sockets."""
         self.participant.close()
+        self._backlog.clear()  # the farewell must not wait
         self._send()
         self._sockets.close()

@@ -1,0 +1,121 @@
+"""The rtps middleware on loopback: two of them, as two processes would be."""
+
+import select
+import time
+
+import pytest
+
+from uros.middleware import open_middleware
+from uros.middleware.base import MiddlewareError
+from uros.middleware.rtps.middleware import RtpsMiddleware
+from uros.qos import QoSProfile, ReliabilityPolicy
+
+TYPE = "std_msgs::msg::dds_::UInt8MultiArray_"
+SECONDS = 30.0
+
+
+class Pair:
+    """Two middlewares and their data planes."""
+
+    def __init__(self, domain):
+        self.middlewares = [RtpsMiddleware(), RtpsMiddleware()]
+        self.nodes = [
+            middleware.create_node(domain, "/", f"node{number}")
+            for number, middleware in enumerate(self.middlewares)
+        ]
+        self.domains = [middleware._domains[domain] for middleware in self.middlewares]
+
+    def until(self, done):
+        end = time.monotonic() + SECONDS
+        while not done():
+            assert time.monotonic() < end, "it does not happen"
+            deadlines = [middleware.next_deadline() for middleware in self.middlewares]
+            pause = max(0.0, min(deadlines) - time.monotonic())
+            ready = select.select(
+                [middleware.fileno() for middleware in self.middlewares], [], [], pause
+            )[0]
+            for middleware in self.middlewares:
+                if middleware.fileno() in ready:
+                    middleware.dispatch()
+                middleware.tick()
+
+    def close(self):
+        for middleware in self.middlewares:
+            middleware.close()
+
+
+@pytest.fixture
+def pair(own_domain_id):
+    made = Pair(own_domain_id)
+    yield made
+    made.close()
+
+
+def cdr(size):
+    return b"\0\1\0\0" + bytes(8) + size.to_bytes(4, "little") + bytes(range(256)) * (size // 256)
+
+
+def test_a_large_sample_is_sent_in_slices_and_arrives(pair):
+    """Between the slices the data plane serves boards."""
+    reader = pair.nodes[1].create_reader("rt/big", TYPE, QoSProfile(), lambda: None)
+    writer = pair.nodes[0].create_writer("rt/big", TYPE, QoSProfile())
+    pair.until(writer.matched)
+    sent = []
+    send = pair.domains[0]._sockets.send
+    pair.domains[0]._sockets.send = lambda datagram, place: (
+        sent.append(len(datagram)), send(datagram, place)
+    )  # fmt: skip
+    sample = cdr(4 * 1024 * 1024)
+    assert writer.write(sample)
+    assert 60_000 < sum(sent) < 70_000
+    samples = []
+    pair.until(lambda: samples.extend(reader.take(1)) or samples)
+    assert samples == [sample] and not pair.domains[0]._backlog
+
+
+def test_best_effort_samples_of_64_kilobytes_arrive_whole(pair):
+    qos = QoSProfile(reliability=ReliabilityPolicy.BEST_EFFORT)
+    reader = pair.nodes[1].create_reader("rt/big", TYPE, qos, lambda: None)
+    writer = pair.nodes[0].create_writer("rt/big", TYPE, qos)
+    pair.until(writer.matched)
+    for _ in range(20):
+        assert writer.write(cdr(60_000 // 256 * 256))
+        samples = []
+        pair.until(lambda samples=samples: samples.extend(reader.take(1)) or samples)
+        assert samples == [cdr(60_000 // 256 * 256)]
+
+
+def test_nodes_do_not_write_on_topics_of_the_middleware(pair):
+    for topic in ("ros_discovery_info", "DCPSParticipant"):
+        with pytest.raises(MiddlewareError, match="nodes do not write on"):
+            pair.nodes[0].create_writer(topic, TYPE, QoSProfile())
+
+
+def test_a_mismatch_is_reported_once_with_the_policy(pair):
+    notices = []
+    pair.middlewares[0].on_notice = notices.append
+    qos = QoSProfile(reliability=ReliabilityPolicy.BEST_EFFORT)
+    for _ in range(2):
+        writer = pair.nodes[0].create_writer("rt/a", TYPE, qos)
+        reader = pair.nodes[1].create_reader("rt/a", TYPE, QoSProfile(), lambda: None)
+        known = pair.domains[0].endpoints
+        pair.until(lambda reader=reader, known=known: reader.guid in known())
+        assert not writer.matched()
+    assert len(notices) == 1
+    assert "reliability (best_effort offered, reliable requested)" in notices[0]
+
+
+@pytest.mark.parametrize("value", ["OFF", "LOCALHOST"])
+def test_a_client_that_stays_on_this_machine_is_admitted_only_there(
+    value, monkeypatch, own_domain_id
+):
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", value)
+    middleware = open_middleware("rtps")
+    middleware.create_node(own_domain_id, "/", "node", localhost_only=True)
+    assert bool(middleware._domains[own_domain_id].filenos()) == (value == "LOCALHOST")
+    middleware.close()
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
+    middleware = open_middleware("rtps")
+    with pytest.raises(MiddlewareError, match="open to the network"):
+        middleware.create_node(own_domain_id, "/", "node", localhost_only=True)
+    middleware.close()
