@@ -266,7 +266,11 @@ class RtpsDomain:
         """Return the endpoints of the domain, ours included, by GUID."""
         found: dict[bytes, EndpointData] = {}
         for remote in self.participant.remotes.values():
-            found.update(remote.endpoints)
+            found.update(
+                (guid, data)
+                for guid, data in remote.endpoints.items()
+                if user_data.PROBE_READER not in data.qos.user_data  # temporary, of no node
+            )
         for writers in self._writers.values():
             found.update((writer.guid, writer.local.data) for writer in writers)
         for readers in self._readers.values():

@@ -630,9 +630,7 @@ class Participant:
     def flush(self, now: float) -> None:
         """Make datagrams of what is queued, with a heartbeat behind each burst of samples."""
         for writer in self.burst:
-            heartbeat = writer.state.heartbeat_for_burst()
-            if heartbeat:
-                self.send_packets(writer.state, [Packet(None, heartbeat, None)])
+            self.send_packets(writer.state, writer.state.heartbeats_for_burst())
         self.burst.clear()
         pending, self._pending = self._pending, {}
         head = submessages.header(self._prefix)

@@ -227,7 +227,11 @@ class StatefulReader:
         proxy.ack_at = None
         proxy.highest = max(proxy.highest, heartbeat.last)
         if proxy.expected is None:
-            proxy.expected = min([heartbeat.first, *proxy.held])
+            first = heartbeat.first
+            if not self._from_first and writer.startswith(ids.CYCLONE_DDS):
+                # Cyclone repeats for a volatile reader what it wrote before they matched.
+                first = heartbeat.last + 1
+            proxy.expected = min([first, *proxy.held])
         if heartbeat.first > proxy.expected:
             proxy.lost += (
                 heartbeat.first

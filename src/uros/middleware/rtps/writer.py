@@ -29,6 +29,9 @@ from .submessages import (
 # a reader that does not answer is asked more and more seldom.
 _HEARTBEAT_FIRST: Final = 0.05
 _HEARTBEAT_LAST: Final = 2.0
+# A reader that has matched here may not know the writer yet, and one of Cyclone begins after the
+# first heartbeat: samples wait for its first acknowledgement, or for so many seconds.
+_MAX_WAIT: Final = 1.0
 # Attack: a request for all of a large sample, again and again. Octets that are sent again to one
 # reader at once; the rest follows after a pause, in seconds.
 _RESEND_OCTETS: Final = 32 * 1024
@@ -85,15 +88,19 @@ class ReaderProxy:
         first: The first number that is for it.
         acked: All numbers up to this one are acknowledged.
         wants_header: Whether it expects the identity of a request in the payload.
+        waits_until: When samples are sent although it has acknowledged nothing; None after its
+            first acknowledgement.
     """
 
     __slots__ = (
         "acked", "acknack_counter", "first", "fragments", "guid", "heartbeat_at",
         "heartbeat_pause", "nack_frag_counter", "reliable", "requested", "resend_at",
-        "wants_header",
+        "waits_until", "wants_header",
     )  # fmt: skip
 
-    def __init__(self, guid: bytes, reliable: bool, first: int, wants_header: bool) -> None:
+    def __init__(
+        self, guid: bytes, reliable: bool, first: int, wants_header: bool, now: float
+    ) -> None:
         self.guid = guid
         self.reliable = reliable
         self.first = first
@@ -106,6 +113,7 @@ class ReaderProxy:
         self.heartbeat_at: float | None = None
         self.heartbeat_pause = _HEARTBEAT_FIRST
         self.wants_header = wants_header
+        self.waits_until = now + _MAX_WAIT if reliable else None
 
 
 class StatefulWriter:
@@ -172,7 +180,7 @@ class StatefulWriter:
         late = wants_history and self._transient_local and bool(self._history)
         first = next(iter(self._history)) if late else self.last + 1
         proxy = self.readers[guid] = ReaderProxy(
-            guid, reliable and self.reliable, first, wants_header
+            guid, reliable and self.reliable, first, wants_header, now
         )
         if proxy.reliable:
             self._schedule_heartbeat(proxy, now)
@@ -233,10 +241,13 @@ class StatefulWriter:
             self._history[self.last] = change
             self._evict()
         packets: list[Packet] = []
-        is_for_all = readers is None and with_header is None
+        is_for_all = readers is None and with_header is None and not self._has_waiting()
         if is_for_all and self.readers:
             packets += self._data(change, None)
         for proxy in self.readers.values():
+            if proxy.waits_until is not None:
+                self._schedule_heartbeat(proxy, now)
+                continue
             if not is_for_all and change.is_for(proxy.guid):
                 packets += self._data(change, proxy)
             if not proxy.reliable:
@@ -247,14 +258,21 @@ class StatefulWriter:
             self._schedule_heartbeat(proxy, now)
         return packets
 
-    def heartbeat_for_burst(self) -> bytes:
-        """Return a heartbeat that asks all readers for an acknowledgement, to follow a burst.
+    def heartbeats_for_burst(self) -> list[Packet]:
+        """Return heartbeats that ask for acknowledgements, to follow a burst of samples."""
+        lacking = [
+            proxy
+            for proxy in self.readers.values()
+            if proxy.reliable and proxy.acked < self.last and proxy.waits_until is None
+        ]
+        if not lacking:
+            return []
+        if not self._has_waiting():
+            return [Packet(None, self._heartbeat(None, False), None)]
+        return [Packet(proxy.guid, self._heartbeat(proxy, False), None) for proxy in lacking]
 
-        Empty where no reader has to acknowledge anything.
-        """
-        if not any(proxy.reliable and proxy.acked < self.last for proxy in self.readers.values()):
-            return b""
-        return self._heartbeat(None, False)
+    def _has_waiting(self) -> bool:
+        return any(proxy.waits_until is not None for proxy in self.readers.values())
 
     def _evict(self) -> None:
         """Keep the history within its depth."""
@@ -311,6 +329,8 @@ class StatefulWriter:
         if not is_newer(acknack.counter, proxy.acknack_counter):
             return
         proxy.acknack_counter = acknack.counter
+        if proxy.waits_until is not None:
+            self._begin(proxy, now)
         acked = min(acknack.base - 1, self.last)
         if acked > proxy.acked:
             proxy.acked = acked
@@ -329,6 +349,16 @@ class StatefulWriter:
             self._schedule_heartbeat(proxy, now)
         if not acknack.final and not asked:
             proxy.heartbeat_at = now  # it asks what there is
+
+    def _begin(self, proxy: ReaderProxy, now: float) -> None:
+        """Send a reader all that is for it."""
+        proxy.waits_until = None
+        if self.last >= proxy.first:
+            proxy.requested.update(range(max(proxy.first, self._first()), self.last + 1))
+            if proxy.first < self._first():
+                proxy.requested.add(proxy.first)  # what is gone is answered by gaps
+            proxy.resend_at = now
+            proxy.heartbeat_at = now
 
     def on_nack_frag(self, reader: bytes, nack: NackFrag, now: float) -> None:
         """Handle NACK_FRAG of a matched reader; one that comes late is dropped."""
@@ -356,12 +386,14 @@ class StatefulWriter:
     def poll(self, now: float) -> Iterator[Packet]:
         """Yield what is due: samples to send again, gaps and heartbeats."""
         for proxy in list(self.readers.values()):
+            if proxy.waits_until is not None and proxy.waits_until <= now:
+                self._begin(proxy, now)
             if proxy.resend_at is not None and proxy.resend_at <= now:
                 yield from self._resend(proxy, now)
             if proxy.heartbeat_at is not None and proxy.heartbeat_at <= now:
                 yield Packet(proxy.guid, self._heartbeat(proxy, False), None)
                 proxy.heartbeat_at = None
-                if proxy.acked < self.last:
+                if proxy.acked < self.last or proxy.waits_until is not None:
                     proxy.heartbeat_at = now + proxy.heartbeat_pause
                     proxy.heartbeat_pause = min(_HEARTBEAT_LAST, proxy.heartbeat_pause * 2)
 
@@ -372,8 +404,11 @@ class StatefulWriter:
     def _heartbeat(self, proxy: ReaderProxy | None, final: bool) -> bytes:
         self._counter += 1
         reader = ids.ENTITY_UNKNOWN if proxy is None else proxy.guid[ids.PREFIX_SIZE :]
+        first, last = self._first(), self.last
+        if proxy is not None and proxy.waits_until is not None:
+            first, last = proxy.first, proxy.first - 1  # nothing yet
         return encode_heartbeat(
-            reader, self._entity, self._first(), self.last, self._counter & 0x7FFF_FFFF, final
+            reader, self._entity, first, last, self._counter & 0x7FFF_FFFF, final
         )
 
     def _data(self, change: Change, proxy: ReaderProxy | None) -> Iterator[Packet]:
@@ -407,7 +442,6 @@ class StatefulWriter:
         irrelevant: list[int] = []
         for number in sorted(proxy.requested | proxy.fragments.keys()):
             if octets >= _RESEND_OCTETS:
-                proxy.resend_at = now + _RESEND_PAUSE
                 break
             change = self._history.get(number)
             if change is None or number < proxy.first or not change.is_for(proxy.guid):
@@ -421,6 +455,11 @@ class StatefulWriter:
                 if octets >= _RESEND_OCTETS:
                     break
         yield from self._gaps(proxy, irrelevant)
+        if proxy.requested or proxy.fragments:
+            proxy.resend_at = now + _RESEND_PAUSE
+        else:  # whether it has all of it
+            proxy.heartbeat_pause = _HEARTBEAT_FIRST
+            proxy.heartbeat_at = now
 
     def _asked_data(self, proxy: ReaderProxy, change: Change) -> Iterator[Packet]:
         number = change.number

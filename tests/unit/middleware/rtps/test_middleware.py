@@ -7,6 +7,7 @@ import pytest
 
 from uros.middleware import open_middleware
 from uros.middleware.base import MiddlewareError
+from uros.middleware.dds.middleware import DdsMiddleware
 from uros.middleware.rtps.middleware import RtpsMiddleware
 from uros.qos import QoSProfile, ReliabilityPolicy
 
@@ -17,27 +18,31 @@ SECONDS = 30.0
 class Pair:
     """Two middlewares and their data planes."""
 
-    def __init__(self, domain):
-        self.middlewares = [RtpsMiddleware(), RtpsMiddleware()]
+    def __init__(self, domain, second=RtpsMiddleware):
+        self.middlewares = [RtpsMiddleware(), second()]
         self.nodes = [
             middleware.create_node(domain, "/", f"node{number}")
             for number, middleware in enumerate(self.middlewares)
         ]
         self.domains = [middleware._domains[domain] for middleware in self.middlewares]
+        self.graphs = [middleware.graph(domain, lambda: None) for middleware in self.middlewares]
 
     def until(self, done):
         end = time.monotonic() + SECONDS
         while not done():
             assert time.monotonic() < end, "it does not happen"
             deadlines = [middleware.next_deadline() for middleware in self.middlewares]
-            pause = max(0.0, min(deadlines) - time.monotonic())
+            pause = min(at for at in deadlines if at is not None) - time.monotonic()
+            pause = max(0.0, pause)
             ready = select.select(
                 [middleware.fileno() for middleware in self.middlewares], [], [], pause
             )[0]
             for middleware in self.middlewares:
                 if middleware.fileno() in ready:
                     middleware.dispatch()
-                middleware.tick()
+                deadline = middleware.next_deadline()
+                if deadline is not None and deadline <= time.monotonic():
+                    middleware.tick()
 
     def close(self):
         for middleware in self.middlewares:
@@ -83,6 +88,30 @@ def test_best_effort_samples_of_64_kilobytes_arrive_whole(pair):
         samples = []
         pair.until(lambda samples=samples: samples.extend(reader.take(1)) or samples)
         assert samples == [cdr(60_000 // 256 * 256)]
+
+
+@pytest.mark.parametrize("reader_first", [True, False])
+def test_a_reader_of_cyclone_gets_each_sample_from_the_match_on(own_domain_id, reader_first):
+    """It begins after the first heartbeat: no sample may come before that."""
+    pair = Pair(own_domain_id, DdsMiddleware)
+    try:
+        if reader_first:
+            reader = pair.nodes[1].create_reader("rt/a", TYPE, QoSProfile(), lambda: None)
+            pair.until(lambda: reader.guid in pair.graphs[0].endpoints)
+            writer = pair.nodes[0].create_writer("rt/a", TYPE, QoSProfile())
+        else:
+            writer = pair.nodes[0].create_writer("rt/a", TYPE, QoSProfile())
+            pair.until(lambda: writer.guid in pair.graphs[1].endpoints)
+            reader = pair.nodes[1].create_reader("rt/a", TYPE, QoSProfile(), lambda: None)
+        pair.until(writer.matched)
+        sent = [cdr(256 * number) for number in range(1, 6)]
+        for sample in sent:
+            assert writer.write(sample)
+        samples = []
+        pair.until(lambda: samples.extend(reader.take(10)) or len(samples) >= 5)
+        assert samples == sent
+    finally:
+        pair.close()
 
 
 def test_nodes_do_not_write_on_topics_of_the_middleware(pair):
