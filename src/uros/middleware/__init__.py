@@ -45,7 +45,10 @@ NAMES = {
         "source /opt/ros/<distro>/setup.bash and start with the Python of that distribution, or,"
         " on Python 3.11: python -m pip install ros-kilted-rclpy ros-kilted-rmw-fastrtps-cpp",
     ),
-    "auto": ("uros.middleware.auto", "python -m pip install cyclonedds"),
+    "auto": (
+        "uros.middleware.auto",
+        "python -m pip install cyclonedds, or start the agent with -m rtps, which needs nothing",
+    ),
 }
 
 

@@ -333,7 +333,7 @@ def _without_rclpy(error: Exception) -> str:
     return (
         "ROS 2 nodes with rmw_fastrtps see services of boards but get no answers, and calls of"
         " their services are refused (those with rmw_cyclonedds work), as rclpy cannot be used here"
-        f" ({error}): {NAMES['ros2'][1]}"
+        f" ({error}): start the agent with -m rtps, which needs nothing, or {NAMES['ros2'][1]}"
     )
 
 

@@ -190,7 +190,7 @@ def _serve(options: argparse.Namespace, parts: list[argparse.Namespace]) -> int:
     elif domain_of_agent:
         log(INFO, "Root", "main", "domain of the agent", f"domain_id: {domain_of_agent} (for 255)")
     if options.middleware == "rtps":
-        log(INFO, "Root", "main", "RTPS in Python", "rtps was a second name of dds until now")
+        log(INFO, "Root", "main", "RTPS in Python", "in earlier versions -m rtps meant dds")
     messages = capture.open_capture(options, agent)
     store = state.make_session_store(options, log)
     if store is not None:
