@@ -10,9 +10,6 @@ PROTOCOL: Final = b"RTPS"
 VERSION: Final = b"\x02\x03"
 # Of the form of Fast DDS (01 0F) and Cyclone (01 10), and of nobody in OMG's list of vendors.
 VENDOR: Final = b"\x01\x75"
-FAST_DDS: Final = b"\x01\x0f"
-CYCLONE_DDS: Final = b"\x01\x10"
-RTI: Final = b"\x01\x01"
 
 PAD: Final = 0x01
 ACKNACK: Final = 0x06
@@ -20,7 +17,6 @@ HEARTBEAT: Final = 0x07
 GAP: Final = 0x08
 INFO_TS: Final = 0x09
 INFO_SRC: Final = 0x0C
-INFO_REPLY_IP4: Final = 0x0D
 INFO_DST: Final = 0x0E
 INFO_REPLY: Final = 0x0F
 NACK_FRAG: Final = 0x12
@@ -40,8 +36,6 @@ PUBLICATIONS_WRITER: Final = b"\x00\x00\x03\xc2"
 PUBLICATIONS_READER: Final = b"\x00\x00\x03\xc7"
 SUBSCRIPTIONS_WRITER: Final = b"\x00\x00\x04\xc2"
 SUBSCRIPTIONS_READER: Final = b"\x00\x00\x04\xc7"
-MESSAGE_WRITER: Final = b"\x00\x02\x00\xc2"
-MESSAGE_READER: Final = b"\x00\x02\x00\xc7"
 # The last octet of an entity id: user-defined, without a key.
 KIND_WRITER_NO_KEY: Final = 0x03
 KIND_READER_NO_KEY: Final = 0x04
@@ -53,8 +47,6 @@ BIT_PUBLICATIONS_ANNOUNCER: Final = 1 << 2
 BIT_PUBLICATIONS_DETECTOR: Final = 1 << 3
 BIT_SUBSCRIPTIONS_ANNOUNCER: Final = 1 << 4
 BIT_SUBSCRIPTIONS_DETECTOR: Final = 1 << 5
-BIT_MESSAGE_WRITER: Final = 1 << 10
-BIT_MESSAGE_READER: Final = 1 << 11
 
 # --- parameters (9.6.3, table 9.18) --------------------------------------------------------
 
@@ -73,10 +65,7 @@ PID_RELIABILITY: Final = 0x001A
 PID_LIVELINESS: Final = 0x001B
 PID_DURABILITY: Final = 0x001D
 PID_OWNERSHIP: Final = 0x001F
-PID_PRESENTATION: Final = 0x0021
 PID_DEADLINE: Final = 0x0023
-PID_DESTINATION_ORDER: Final = 0x0025
-PID_LATENCY_BUDGET: Final = 0x0027
 PID_PARTITION: Final = 0x0029
 PID_LIFESPAN: Final = 0x002B
 PID_USER_DATA: Final = 0x002C
@@ -85,7 +74,6 @@ PID_MULTICAST_LOCATOR: Final = 0x0030
 PID_DEFAULT_UNICAST_LOCATOR: Final = 0x0031
 PID_METATRAFFIC_UNICAST_LOCATOR: Final = 0x0032
 PID_METATRAFFIC_MULTICAST_LOCATOR: Final = 0x0033
-PID_HISTORY: Final = 0x0040
 PID_EXPECTS_INLINE_QOS: Final = 0x0043
 PID_DEFAULT_MULTICAST_LOCATOR: Final = 0x0048
 PID_PARTICIPANT_GUID: Final = 0x0050

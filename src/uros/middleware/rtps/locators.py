@@ -11,14 +11,13 @@ UDPV6: Final = 2
 SIZE: Final = 24
 MULTICAST_GROUP: Final = "239.255.0.1"
 
-# The well-known ports: 7400 + 250 for each domain + 2 for each participant + an offset.
+# The well-known ports: 7400 + 250 for each domain + 2 for each participant + an offset. Data has the
+# port of discovery too.
 _BASE: Final = 7400
 _PER_DOMAIN: Final = 250
 _PER_PARTICIPANT: Final = 2
 _METATRAFFIC_MULTICAST: Final = 0
 _METATRAFFIC_UNICAST: Final = 10
-_USER_MULTICAST: Final = 1
-_USER_UNICAST: Final = 11
 _MAX_PORT: Final = 0xFFFF
 
 
@@ -78,10 +77,5 @@ def multicast_port(domain: int) -> int:
 
 
 def metatraffic_port(domain: int, index: int) -> int:
-    """Return the port of a participant for discovery."""
+    """Return the unicast port of a participant."""
     return _BASE + _PER_DOMAIN * domain + _METATRAFFIC_UNICAST + _PER_PARTICIPANT * index
-
-
-def user_port(domain: int, index: int) -> int:
-    """Return the port of a participant for data."""
-    return _BASE + _PER_DOMAIN * domain + _USER_UNICAST + _PER_PARTICIPANT * index

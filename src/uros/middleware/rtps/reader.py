@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Final, NamedTuple
 
+from ..guid import CYCLONE_DDS, FAST_DDS
 from . import ids, parameters
 from .parameters import InlineQos
 from .reassembly import MAX_INCOMPLETE, IncompleteSample, OctetBudget
@@ -228,7 +229,7 @@ class StatefulReader:
         proxy.highest = max(proxy.highest, heartbeat.last)
         if proxy.expected is None:
             first = heartbeat.first
-            if not self._from_first and writer.startswith(ids.CYCLONE_DDS):
+            if not self._from_first and writer.startswith(CYCLONE_DDS):
                 # Cyclone repeats for a volatile reader what it wrote before they matched.
                 first = heartbeat.last + 1
             proxy.expected = min([first, *proxy.held])
@@ -371,7 +372,7 @@ class StatefulReader:
         if proxy.heartbeat_counter is None:
             # Nothing is known of the writer: an empty acknowledgement that asks for a heartbeat.
             # Fast DDS answers one of base 0, which others do not accept.
-            base = 0 if proxy.guid.startswith(ids.FAST_DDS) else proxy.expected or 1
+            base = 0 if proxy.guid.startswith(FAST_DDS) else proxy.expected or 1
             proxy.ack_at = None
             if proxy.held and proxy.asked >= _MAX_UNANSWERED and proxy.expected is None:
                 proxy.expected = min(proxy.held)

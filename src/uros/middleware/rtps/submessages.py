@@ -16,7 +16,6 @@ from . import ids
 HEADER_SIZE: Final = 20
 # Numbers that one bitmap covers (9.4.2.6).
 MAX_BITS: Final = 256
-_MAX_SEQUENCE: Final = (1 << 63) - 1
 _FLAG_LITTLE: Final = 0x01
 _FLAG_INLINE_QOS: Final = 0x02  # of DATA and DATA_FRAG
 _FLAG_DATA: Final = 0x04  # of DATA

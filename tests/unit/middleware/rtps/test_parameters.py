@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from uros.middleware.guid import FAST_DDS
 from uros.middleware.rtps import ids, parameters
 from uros.middleware.rtps.locators import UDPV4, UDPV6, Locator
 from uros.middleware.rtps.parameters import (
@@ -126,7 +127,7 @@ def test_a_reply_of_fast_dds_names_its_request():
                         )
                     ]
                     assert {0x0083, 0x800F} <= set(pids)
-                    assert qos.related[0][:2] == ids.FAST_DDS
+                    assert qos.related[0][:2] == FAST_DDS
                     return
     raise AssertionError("no recorded DATA has a related sample identity")
 
