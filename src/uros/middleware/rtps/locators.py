@@ -11,8 +11,8 @@ UDPV6: Final = 2
 SIZE: Final = 24
 MULTICAST_GROUP: Final = "239.255.0.1"
 
-# The well-known ports: 7400 + 250 for each domain + 2 for each participant + an offset. Data has the
-# port of discovery too.
+# The well-known ports: 7400 + 250 for each domain + 2 for each participant + an offset. Data uses
+# the port of discovery.
 _BASE: Final = 7400
 _PER_DOMAIN: Final = 250
 _PER_PARTICIPANT: Final = 2
