@@ -6,6 +6,7 @@ from ...qos import QoSProfile
 from ..base import MiddlewareError, Node, OnReady, Service
 from ..discovery_info import codec
 from ..guid import participant_of
+from ..services.form import endpoint_id
 from .context import DdsContext
 from .domain import DdsDomain
 from .endpoints import DdsReader, DdsReplier, DdsRequester, DdsWriter
@@ -53,9 +54,7 @@ class DdsNode(Node):
 
     def service_endpoint_id(self) -> str:
         """Return a new id for a service client or server, as rmw_cyclonedds writes it."""
-        number = next(self.context.service_ids)
-        octets = self.participant.guid[:12] + number.to_bytes(4, "big")
-        return ".".join(f"{octet:x}" for octet in octets)
+        return endpoint_id(self.participant.guid, next(self.context.service_ids))
 
     def expect_late_writers(self) -> None:
         """Prepare for a reliable reader; see :mod:`~uros.middleware.dds.late_writer_heartbeat`."""

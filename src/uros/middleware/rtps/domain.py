@@ -337,7 +337,7 @@ class RtpsDomain:
 
     def flush(self) -> None:
         """Send what is held back."""
-        self.participant.flush(time.monotonic())
+        self.participant.flush()
         self._send()
 
     def _send(self) -> None:

@@ -13,9 +13,8 @@ from typing import Protocol
 
 from ...qos import HistoryPolicy, QoSProfile
 from ..base import MAX_PAST, Bytes, OnReady, Reader, Writer
-from ..qos_matching import mismatches
 from .parameters import EndpointData, InlineQos, write_related_identity
-from .participant import LocalReader, LocalWriter
+from .participant import LocalReader, LocalWriter, why_unmatched
 from .reader import Sample
 
 
@@ -117,12 +116,7 @@ class RtpsWriter(Writer):
 
     def matches(self, reader: RtpsReader) -> bool:
         """Return whether a reader of this process matches."""
-        ours, theirs = self.local.data, reader.local.data
-        return (
-            ours.topic == theirs.topic
-            and ours.type_name == theirs.type_name
-            and not mismatches(ours.qos, theirs.qos)
-        )
+        return why_unmatched(self.local.data, reader.local.data) == []
 
     def past(self) -> list[Sample]:
         """Return the samples that a late reader gets."""

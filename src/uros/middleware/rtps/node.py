@@ -8,7 +8,7 @@ from ...qos import QoSProfile
 from .. import user_data
 from ..base import MiddlewareError, Node, OnReady, Service
 from ..discovery_info import codec
-from ..services.form import CLIENT_ID, SERVICE_ID
+from ..services.form import CLIENT_ID, SERVICE_ID, endpoint_id
 from .domain import RtpsDomain
 from .endpoints import RtpsReader, RtpsWriter
 from .services import RtpsReplier, RtpsRequester
@@ -61,8 +61,7 @@ class RtpsNode(Node):
     def _service_id(self) -> bytes:
         """A new id for a service client or server, as rmw_cyclonedds writes it."""
         number = next(self._domain.service_ids)
-        octets = self._domain.participant.guid[:12] + number.to_bytes(4, "big")
-        return ".".join(f"{octet:x}" for octet in octets).encode() + b";"
+        return endpoint_id(self._domain.participant.guid, number).encode() + b";"
 
     def _register(self, *endpoints: RtpsWriter | RtpsReader) -> None:
         """List endpoints in the discovery info until they are closed."""

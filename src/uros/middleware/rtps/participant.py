@@ -62,7 +62,16 @@ _BUILTIN: Final = (
 _BUILTIN_QOS: Final = QoSProfile(
     durability=DurabilityPolicy.TRANSIENT_LOCAL, history=HistoryPolicy.KEEP_ALL
 )
-Address = tuple[str, int]
+
+
+def why_unmatched(writer: EndpointData, reader: EndpointData) -> list[Mismatch] | None:
+    """Return what keeps two endpoints from matching; None if their topics or types differ."""
+    if writer.topic != reader.topic or writer.type_name != reader.type_name:
+        return None
+    why = mismatches(writer.qos, reader.qos)
+    if not set(writer.representations) & set(reader.representations):
+        why.append(Mismatch("data representation", "XCDR1", "XCDR2"))
+    return why
 
 
 class LocalWriter:
@@ -350,15 +359,13 @@ class Participant:
 
     def _match(self, ours: LocalWriter | LocalReader, theirs: EndpointData, now: float) -> None:
         """Match two endpoints of different kinds, if topic, type and QoS allow it."""
-        if ours.data.topic != theirs.topic or ours.data.type_name != theirs.type_name:
-            return
         writer, reader = (ours.data, theirs) if ours.data.is_writer else (theirs, ours.data)
-        why = mismatches(writer.qos, reader.qos)
-        if not set(writer.representations) & set(reader.representations):
-            why.append(Mismatch("data representation", "XCDR1", "XCDR2"))
+        why = why_unmatched(writer, reader)
+        if why is None:
+            return
         if why:
             self.on_mismatch(ours.data, theirs, why)
-            self._unmatch(ours, theirs.guid)
+            ours.state.unmatch(theirs.guid)
         elif isinstance(ours, LocalWriter):
             packets = ours.state.match(
                 theirs.guid, theirs.qos.reliable, theirs.qos.transient_local, now,
@@ -369,9 +376,9 @@ class Participant:
         else:
             ours.state.match(theirs.guid, theirs.qos.reliable, now)
 
-    @staticmethod
-    def _unmatch(ours: LocalWriter | LocalReader, guid: bytes) -> None:
-        ours.state.unmatch(guid)
+    def _counterparts(self, theirs: EndpointData) -> list[LocalWriter | LocalReader]:
+        """Our endpoints of the other kind."""
+        return [*self.readers.values()] if theirs.is_writer else [*self.writers.values()]
 
     def _match_builtin(self, remote: RemoteParticipant, now: float) -> None:
         prefix, bits = remote.prefix, remote.data.builtin
@@ -416,11 +423,8 @@ class Participant:
         endpoint = remote.endpoints.pop(guid, None)
         if endpoint is None:
             return
-        locals_: Iterable[LocalWriter | LocalReader] = (
-            self.readers.values() if endpoint.is_writer else self.writers.values()
-        )
-        for ours in locals_:
-            self._unmatch(ours, guid)
+        for ours in self._counterparts(endpoint):
+            ours.state.unmatch(guid)
         self.on_endpoint(endpoint, False)
 
     # --- what comes ------------------------------------------------------------------------
@@ -525,14 +529,14 @@ class Participant:
             return
         announced = parameters.read_participant(data.payload)
         if announced.guid[: ids.PREFIX_SIZE] != prefix:
-            return  # nobody speaks for others
+            return  # a participant announces only itself and its endpoints
         if announced.domain not in (None, self._domain) or announced.domain_tag:
             return
         lease = announced.lease_ms if announced.lease_ms is not None else MAX_LEASE_MS
         expires = now + min(lease, MAX_LEASE_MS) / 1000
         if remote is not None:
             if not self._is_from(remote, source):
-                return  # somebody else with its GUID
+                return  # another host uses its GUID
             remote.heard.setdefault(source)
             remote.expires = expires
             if remote.data != announced:
@@ -572,14 +576,11 @@ class Participant:
             self.malformed += 1
             return
         if endpoint.guid[: ids.PREFIX_SIZE] != remote.prefix:
-            return  # nobody speaks for others
+            return  # a participant announces only itself and its endpoints
         if endpoint.guid not in remote.endpoints and len(remote.endpoints) >= MAX_ENDPOINTS:
             return
         remote.endpoints[endpoint.guid] = endpoint
-        locals_: Iterable[LocalWriter | LocalReader] = (
-            self.readers.values() if is_writer else self.writers.values()
-        )
-        for ours in list(locals_):
+        for ours in self._counterparts(endpoint):
             self._match(ours, endpoint, self._now)
         self.on_endpoint(endpoint, True)
 
@@ -587,14 +588,16 @@ class Participant:
 
     def _announce(self, places: Iterable[Locator], to: RemoteParticipant | None = None) -> None:
         """Announce ourselves to all, or to one that was heard just now."""
-        self._announcements += 1
-        data = submessages.encode_data(
-            ids.SPDP_READER, ids.SPDP_WRITER, self._announcements,
-            parameters.write_participant(self._data),
-        )  # fmt: skip
-        message = submessages.header(self._prefix) + data
+        message = self._announcement(parameters.write_participant(self._data))
         if to is None or to.may_send(len(message)):
             self.outgoing += [(message, place) for place in places]
+
+    def _announcement(self, payload: bytes, inline_qos: bytes = b"", is_key: bool = False) -> bytes:
+        """A message with DATA of SPDP."""
+        self._announcements += 1
+        return submessages.header(self._prefix) + submessages.encode_data(
+            ids.SPDP_READER, ids.SPDP_WRITER, self._announcements, payload, inline_qos, is_key
+        )
 
     def _place_of(self, guid: bytes) -> tuple[Locator, bytes] | None:
         """Where a remote endpoint receives, and its participant's prefix."""
@@ -627,7 +630,7 @@ class Participant:
             for place in places:
                 self._pending.setdefault(place, []).append(octets)
 
-    def flush(self, now: float) -> None:
+    def flush(self) -> None:
         """Make datagrams of what is queued, with a heartbeat behind each burst of samples."""
         for writer in self.burst:
             self.send_packets(writer.state, writer.state.heartbeats_for_burst())
@@ -682,19 +685,16 @@ class Participant:
                 place = self._place_of(guid)
                 if place is not None:
                     self._pending.setdefault(place, []).append(octets)
-        self.flush(now)
+        self.flush()
 
     def close(self) -> None:
         """Say farewell; idempotent."""
         if self._closed:
             return
         self._closed = True
-        self._announcements += 1
-        data = submessages.encode_data(
-            ids.SPDP_READER, ids.SPDP_WRITER, self._announcements,
-            parameters.write_key(self.guid), parameters.write_farewell_qos(self.guid), True,
-        )  # fmt: skip
-        message = submessages.header(self._prefix) + data
+        message = self._announcement(
+            parameters.write_key(self.guid), parameters.write_farewell_qos(self.guid), True
+        )
         places = dict.fromkeys(self._announce_to)
         for remote in self.remotes.values():
             place = remote.place(remote.data.metatraffic_unicast)

@@ -17,6 +17,17 @@ CLIENT_ID: Final = b"clientid="
 SERVICE_ID: Final = b"serviceid="
 
 
+def endpoint_id(participant: bytes, number: int) -> str:
+    """Return an id for a service client or server, as rmw_cyclonedds writes it.
+
+    Args:
+        participant: The GUID of its participant.
+        number: Its number there.
+    """
+    octets = participant[:12] + number.to_bytes(4, "big")
+    return ".".join(f"{octet:x}" for octet in octets)
+
+
 def uses_request_header(guid: bytes, user_data: bytes, role: bytes) -> bool:
     """Return whether an endpoint uses the header of rmw_cyclonedds.
 
