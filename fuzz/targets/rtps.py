@@ -90,8 +90,7 @@ class Network:
             sent: list[tuple[str, bytes, Locator]] = []
             for address, member in self.members.items():
                 member.poll(self.now)
-                sent += [(address, *item) for item in member.outgoing]
-                member.outgoing.clear()
+                sent += [(address, *item) for item in member.take_datagrams()]
             if not sent:
                 return
             for source, datagram, place in sent:

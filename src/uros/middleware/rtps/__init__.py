@@ -8,7 +8,12 @@
 ``reassembly``    Samples that arrive in fragments.
 ``reader``        A reader's side: order, acknowledgements.
 ``writer``        A writer's side: history, heartbeats, repetition.
-``participant``   Discovery, endpoints and destinations, without sockets or a clock.
+``remote``        What is known of another participant, and where it may be sent to.
+``outbox``        Datagrams from what endpoints send.
+``local``         Our writers and readers, and whether others match them.
+``spdp``          Announcements of our participant.
+``sedp``          Announcements of endpoints.
+``participant``   Our participant: all of the above, without sockets or a clock.
 ``udp``           The sockets of one domain.
 ``endpoints``     The contract's writers and readers.
 ``domain``        One domain: participant, sockets, discovery info of its nodes.

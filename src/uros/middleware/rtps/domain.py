@@ -19,9 +19,10 @@ from ..qos_matching import Mismatch
 from ..type_conflicts import TypeConflicts
 from . import ids
 from .endpoints import RtpsReader, RtpsWriter
+from .local import LocalReader, LocalWriter
 from .locators import Locator
 from .parameters import EndpointData, ParticipantData
-from .participant import LocalReader, LocalWriter, Participant
+from .participant import Participant
 from .reader import Sample
 from .udp import DomainSockets
 
@@ -341,9 +342,8 @@ class RtpsDomain:
         self._send()
 
     def _send(self) -> None:
-        outgoing, self.participant.outgoing = self.participant.outgoing, []
         octets: dict[Locator, int] = {}
-        for datagram, place in outgoing:
+        for datagram, place in self.participant.take_datagrams():
             sent = octets.get(place, 0)
             if place in self._backlog or sent >= _SLICE:
                 waiting = self._backlog.setdefault(place, deque())

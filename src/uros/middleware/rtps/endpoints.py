@@ -13,8 +13,8 @@ from typing import Protocol
 
 from ...qos import HistoryPolicy, QoSProfile
 from ..base import MAX_PAST, Bytes, OnReady, Reader, Writer
+from .local import LocalReader, LocalWriter, why_unmatched
 from .parameters import EndpointData, InlineQos, write_related_identity
-from .participant import LocalReader, LocalWriter, why_unmatched
 from .reader import Sample
 
 

@@ -49,8 +49,7 @@ class Network:
             sent = []
             for address, member in self.members.items():
                 member.poll(self.now)
-                sent += [(address, *item) for item in member.outgoing]
-                member.outgoing.clear()
+                sent += [(address, *item) for item in member.take_datagrams()]
             self.log += sent
             if not sent:
                 return

@@ -1,0 +1,83 @@
+"""Our writers and readers in a domain: what is announced of them, and their state."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+from ...qos import DurabilityPolicy, HistoryPolicy, QoSProfile
+from ..qos_matching import Mismatch, mismatches
+from .outbox import Outbox
+from .parameters import EndpointData
+from .reader import StatefulReader
+from .writer import StatefulWriter
+
+BUILTIN_QOS: Final = QoSProfile(
+    durability=DurabilityPolicy.TRANSIENT_LOCAL, history=HistoryPolicy.KEEP_ALL
+)
+
+
+class LocalWriter:
+    """A writer of ours.
+
+    Attributes:
+        data: What is announced of it.
+        state: Its history and its matched readers.
+        wants_header: Returns whether a reader expects the identity of a request in the payload.
+        on_match: Called with the GUID of a reader that matches.
+        announced: The number of its announcement.
+    """
+
+    def __init__(self, outbox: Outbox, data: EndpointData, state: StatefulWriter) -> None:
+        self.data = data
+        self.state = state
+        self.wants_header: Callable[[EndpointData], bool] = lambda reader: False
+        self.on_match: Callable[[bytes], None] = lambda guid: None
+        self.announced = 0
+        self._outbox = outbox
+
+    def write(
+        self, payload: bytes, time_ns: int, now: float, inline_qos: bytes = b"",
+        readers: frozenset[bytes] | None = None, with_header: bytes | None = None,
+        is_key: bool = False,
+    ) -> bool:  # fmt: skip
+        """Write a sample; see :meth:`StatefulWriter.write`.
+
+        Returns:
+            False where there is no room in the history: nothing was written.
+        """
+        if not self.state.has_room():
+            return False
+        packets = self.state.write(payload, time_ns, now, inline_qos, readers, is_key, with_header)
+        self._outbox.add_packets(self.state, packets)
+        self._outbox.burst.add(self.state)
+        return True
+
+    def matched(self) -> int:
+        """Return how many readers match it."""
+        return len(self.state.readers)
+
+
+class LocalReader:
+    """A reader of ours.
+
+    Attributes:
+        data: What is announced of it.
+        state: Its matched writers, and what it has of each.
+        announced: The number of its announcement.
+    """
+
+    def __init__(self, data: EndpointData, state: StatefulReader) -> None:
+        self.data = data
+        self.state = state
+        self.announced = 0
+
+
+def why_unmatched(writer: EndpointData, reader: EndpointData) -> list[Mismatch] | None:
+    """Return what keeps two endpoints from matching; None if their topics or types differ."""
+    if writer.topic != reader.topic or writer.type_name != reader.type_name:
+        return None
+    why = mismatches(writer.qos, reader.qos)
+    if not set(writer.representations) & set(reader.representations):
+        why.append(Mismatch("data representation", "XCDR1", "XCDR2"))
+    return why

@@ -1,0 +1,84 @@
+"""What is known of another participant: what it announces, and where it may be sent to.
+
+Nothing that a peer announces is believed beyond what can be checked: datagrams are sent only to
+addresses that the peer was heard from, or that the user configured.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from . import ids
+from .locators import Locator
+from .parameters import EndpointData, ParticipantData
+
+
+class RemoteParticipant:
+    """A participant that was heard.
+
+    Attributes:
+        data: What it announces of itself.
+        heard: The addresses that it was heard from, the first one first.
+        expires: When it counts as gone.
+        endpoints: Its endpoints by GUID.
+        received: Octets that came from it.
+        is_proven: Whether it has answered us, and so receives what is sent to its address.
+    """
+
+    def __init__(self, data: ParticipantData) -> None:
+        self.data = data
+        self.heard: dict[str, None] = {}
+        self.expires = float("inf")
+        self.endpoints: dict[bytes, EndpointData] = {}
+        self.received = 0
+        self.is_proven = False
+        self._sent = 0  # octets, until it is proven
+
+    def may_send(self, octets: int) -> bool:
+        """Count octets to be sent; return whether they may.
+
+        Attack: announcements with the address of somebody else. Until a participant has answered,
+        it gets no more octets than came from it; the protocol repeats what was left out.
+        """
+        if self.is_proven:
+            return True
+        if self._sent + octets > self.received:
+            return False
+        self._sent += octets
+        return True
+
+    @property
+    def prefix(self) -> bytes:
+        """Its GUID prefix."""
+        return self.data.guid[: ids.PREFIX_SIZE]
+
+    def is_from(self, source: str) -> bool:
+        """Return whether an address is one that it was heard from, or announces."""
+        if source in self.heard:
+            return True
+        data = self.data
+        return any(
+            locator.address == source
+            for locator in (*data.metatraffic_unicast, *data.default_unicast)
+        )
+
+    def place(self, announced: Iterable[Locator]) -> Locator | None:
+        """Return the first of the announced locators at an address that it was heard from.
+
+        A participant behind a translation of addresses announces none of those: then it is the
+        announced port at the address that was heard.
+        """
+        announced = [locator for locator in announced if not locator.is_multicast]
+        for locator in announced:
+            if locator.address in self.heard:
+                return locator
+        if announced and self.heard:
+            return announced[0]._replace(address=next(iter(self.heard)))
+        return None
+
+    def place_of(self, guid: bytes) -> Locator | None:
+        """Return where one of its endpoints receives; builtin ones by their participant."""
+        endpoint = self.endpoints.get(guid)
+        if endpoint is None:
+            return self.place(self.data.metatraffic_unicast)
+        return self.place(endpoint.unicast or self.data.default_unicast)

@@ -1,0 +1,56 @@
+"""Our announcements to participants (SPDP, RTPS 8.5.3): what they say, and when they are due."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from . import ids, parameters, submessages
+from .parameters import ParticipantData
+
+# Seconds after which a peer that hears nothing of us counts us as gone, and between announcements:
+# some at once, as the first ones may be lost.
+LEASE_MS: Final = 20_000
+_FIRST_ANNOUNCEMENTS: Final = (0.1, 0.2, 0.5, 1.0)
+_ANNOUNCEMENT_PERIOD: Final = 3.0
+
+
+class ParticipantAnnouncer:
+    """Announces one participant.
+
+    Attributes:
+        due: When :meth:`advance` is called, with an announcement to all.
+
+    Args:
+        data: What is announced.
+        now: The time in seconds: the first announcement is due at once.
+    """
+
+    def __init__(self, data: ParticipantData, now: float) -> None:
+        self.due = now
+        self._data = data
+        self._number = 0  # of announcements
+        self._periods = 0
+
+    def advance(self, now: float) -> None:
+        """Set when the next announcement to all is due."""
+        count, pauses = self._periods, _FIRST_ANNOUNCEMENTS
+        self._periods += 1
+        self.due = now + (pauses[count] if count < len(pauses) else _ANNOUNCEMENT_PERIOD)
+
+    def announcement(self) -> bytes:
+        """Return a message that announces the participant."""
+        return self._message(parameters.write_participant(self._data))
+
+    def farewell(self) -> bytes:
+        """Return a message that says that the participant is gone."""
+        guid = self._data.guid
+        return self._message(
+            parameters.write_key(guid), parameters.write_farewell_qos(guid), is_key=True
+        )
+
+    def _message(self, payload: bytes, inline_qos: bytes = b"", is_key: bool = False) -> bytes:
+        self._number += 1
+        prefix = self._data.guid[: ids.PREFIX_SIZE]
+        return submessages.header(prefix) + submessages.encode_data(
+            ids.SPDP_READER, ids.SPDP_WRITER, self._number, payload, inline_qos, is_key
+        )
