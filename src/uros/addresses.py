@@ -5,9 +5,12 @@ from __future__ import annotations
 import socket
 import struct
 import sys
+from dataclasses import dataclass
 from typing import Final
 
-# Linux: the ioctl for an interface's IPv4 address; lengths of struct ifreq and of a name in it.
+# Linux: the ioctls for an interface's flags and IPv4 address; lengths of struct ifreq and of a name
+# in it.
+_SIOCGIFFLAGS: Final = 0x8913
 _SIOCGIFADDR: Final = 0x8915
 _IFREQ: Final = 256
 _NAME: Final = 15
@@ -18,6 +21,71 @@ _TEMPORARY: Final = 0x01
 _IF_INET6: Final = "/proc/net/if_inet6"
 # From the block for documentation (RFC 3849): a route to it is one to the Internet.
 _FAR_AWAY: Final = ("2001:db8::1", 9)
+
+# Flags of an interface.
+UP: Final = 0x1
+LOOPBACK: Final = 0x8
+POINT_TO_POINT: Final = 0x10
+RUNNING: Final = 0x40
+MULTICAST: Final = 0x1000
+
+
+@dataclass(frozen=True)
+class Interface:
+    """A network interface that is up.
+
+    Attributes:
+        name: Its name.
+        index: The kernel's number of it.
+        flags: :data:`UP`, :data:`RUNNING` (it has a carrier) and others of the kernel.
+        address: Its first IPv4 address, or empty.
+        ipv6: Its IPv6 addresses that other machines can use.
+    """
+
+    name: str
+    index: int
+    flags: int
+    address: str
+    ipv6: tuple[str, ...] = ()
+
+    @property
+    def is_loopback(self) -> bool:
+        """Whether it is the loopback interface."""
+        return bool(self.flags & LOOPBACK)
+
+    @property
+    def has_multicast(self) -> bool:
+        """Whether multicast is enabled."""
+        return bool(self.flags & MULTICAST)
+
+
+def interfaces() -> list[Interface]:
+    """Return the interfaces that are up, by index; on other systems than Linux none."""
+    if sys.platform != "linux":
+        return []
+    import fcntl
+
+    ipv6: dict[str, tuple[str, ...]] = {}
+    for name, flags, address in _ipv6_addresses():
+        if not flags & _UNFIT:
+            ipv6[name] = (*ipv6.get(name, ()), address)
+    found = []
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        for index, name in socket.if_nameindex():
+            request = struct.pack(f"{_IFREQ}s", name.encode()[:_NAME])
+            try:
+                answer = fcntl.ioctl(sock.fileno(), _SIOCGIFFLAGS, request)
+            except OSError:
+                continue  # it was removed
+            (flags,) = struct.unpack_from("=H", answer, 16)
+            try:
+                answer = fcntl.ioctl(sock.fileno(), _SIOCGIFADDR, request)
+                address = socket.inet_ntoa(answer[20:24])
+            except OSError:
+                address = ""
+            if flags & UP:
+                found.append(Interface(name, index, flags, address, ipv6.get(name, ())))
+    return found
 
 
 def ipv4_by_interface() -> dict[str, str]:

@@ -82,3 +82,9 @@ def test_addresses_that_are_valid_on_a_link_only(address):
 @pytest.mark.parametrize("address", ["192.168.0.1", "fec0::1", "fd00::2", "::1", "2001:fe80::1"])
 def test_addresses_that_are_valid_beyond_a_link(address):
     assert not addresses.is_link_local(address)
+
+
+def test_interfaces_that_are_up():
+    loopback = next(one for one in addresses.interfaces() if one.is_loopback)
+    assert loopback.address == "127.0.0.1" and loopback.flags & addresses.UP
+    assert socket.if_indextoname(loopback.index) == loopback.name

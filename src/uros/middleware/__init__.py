@@ -17,6 +17,7 @@ each lives in a module or package of its own that is imported only when asked fo
 ``discovery_info``  The ``ros_discovery_info`` topic: its format, its limits and its Gid size.
 ``type_conflicts``  Finds topics whose endpoints have different types.
 ``environment``     ROS 2's environment variables for the domain and the discovery range.
+``cyclonedds_uri``  Cyclone's configuration in CYCLONEDDS_URI, and what rtps reads of it.
 ``ros_names``       Converts DDS names to ROS names and types.
 ``user_data``       Reads keys in the USER_DATA QoS.
 ``guid``            The parts of a GUID (RTPS 9.3.1).

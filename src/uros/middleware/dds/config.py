@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
+from .. import cyclonedds_uri
 from ..environment import discovery_range
 
 # Two hundred ROS processes on one machine; RTPS ports allow no more.
@@ -56,22 +56,12 @@ _LOOPBACK = re.compile(
 def _user_configuration(environment: Mapping[str, str]) -> str:
     """Return the text of the user's configuration, with that of the files it names."""
     texts = []
-    for part in _parts(environment.get("CYCLONEDDS_URI", "")):
-        if not part.startswith("<"):
-            try:
-                part = Path(part.removeprefix("file://")).read_text("utf-8", "replace")
-            except OSError:
-                pass  # Cyclone will say so
-        texts.append(part)
+    for part in cyclonedds_uri.parts(environment.get(cyclonedds_uri.NAME, "")):
+        try:
+            texts.append(cyclonedds_uri.text_of(part))
+        except OSError:
+            texts.append(part)  # Cyclone will say so
     return "\n".join(texts)
-
-
-def _parts(uri: str) -> list[str]:
-    """Return what CYCLONEDDS_URI lists: XML, or the names of files."""
-    if "<" in uri:
-        before, _, xml = uri.partition("<")
-        return [part for part in before.split(",") if part.strip()] + ["<" + xml]
-    return [part.strip() for part in uri.split(",") if part.strip()]
 
 
 def config_xml(environment: Mapping[str, str], pid: int) -> str:
@@ -108,4 +98,4 @@ def config_xml(environment: Mapping[str, str], pid: int) -> str:
         f"<CycloneDDS><Domain><General>{general}</General>"
         f"<Discovery>{discovery}</Discovery>{_INTERNAL}{_COMPATIBILITY}</Domain></CycloneDDS>"
     )
-    return ",".join(part for part in (ours, environment.get("CYCLONEDDS_URI", "")) if part)
+    return ",".join(part for part in (ours, environment.get(cyclonedds_uri.NAME, "")) if part)

@@ -11,18 +11,15 @@ import sys
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
-from xml.etree import ElementTree
 
+from ...addresses import POINT_TO_POINT, Interface, interfaces
 from ...middleware.base import MiddlewareError
 from .finding import Finding, note, ok, problem, unknown
 
 GROUP: Final = "239.255.0.1"  # the multicast group of DDS discovery
 _WAIT: Final = 0.5
-_SIOCGIFFLAGS, _SIOCGIFADDR = 0x8913, 0x8915
-_UP, _LOOPBACK, _POINT_TO_POINT, _RUNNING, _MULTICAST = 0x1, 0x8, 0x10, 0x40, 0x1000
 _UFW: Final = Path("/etc/ufw/ufw.conf")
 # Interfaces of containers and virtual machines, which reach no board.
 _INNER: Final = ("docker", "veth", "br-", "virbr", "lxc", "cni", "flannel", "cali")
@@ -84,32 +81,26 @@ def check_range(environment: Mapping[str, str], whose: str = SHELL) -> list[Find
 
 def check_cyclone(environment: Mapping[str, str], whose: str = SHELL) -> list[Finding]:
     """Check how CYCLONEDDS_URI limits discovery, if it is set."""
-    from ...middleware.dds import config
+    from ...middleware import cyclonedds_uri
 
     uri = environment.get("CYCLONEDDS_URI", "")
     if not uri.strip():
         return []
     findings = []
     roots = []
-    for part in config._parts(uri):
-        text = part
-        if not part.startswith("<"):
-            path = Path(part.removeprefix("file://"))
-            try:
-                text = path.read_text("utf-8", "replace")
-            except OSError as error:
-                findings.append(
-                    problem(
-                        "cyclone",
-                        f"CYCLONEDDS_URI in {whose} names {path}, which cannot be read:"
-                        f" {error.strerror}",
-                        "unset CYCLONEDDS_URI, or name a file that is there",
-                    )
-                )
-                continue
+    for part in cyclonedds_uri.parts(uri):
         try:
-            roots.append(ElementTree.fromstring(_rooted(text)))
-        except ElementTree.ParseError as error:
+            roots.append(cyclonedds_uri.parse(cyclonedds_uri.text_of(part)))
+        except OSError as error:
+            findings.append(
+                problem(
+                    "cyclone",
+                    f"CYCLONEDDS_URI in {whose} names {part}, which cannot be read:"
+                    f" {error.strerror}",
+                    "unset CYCLONEDDS_URI, or name a file that is there",
+                )
+            )
+        except ValueError as error:
             findings.append(
                 problem(
                     "cyclone",
@@ -120,11 +111,13 @@ def check_cyclone(environment: Mapping[str, str], whose: str = SHELL) -> list[Fi
     here = {one.name: one.address for one in interfaces()}
     limits = []
     for element in (element for root in roots for element in root.iter()):
-        tag = element.tag.rpartition("}")[2].lower()
+        tag = cyclonedds_uri.local_name(element.tag)
         if tag == "allowmulticast" and (element.text or "").strip().lower() == "false":
             limits.append("forbids multicast")
         elif tag in ("networkinterface", "networkinterfaceaddress"):
-            attributes = {name.lower(): value for name, value in element.attrib.items()}
+            attributes = {
+                cyclonedds_uri.local_name(name): value for name, value in element.attrib.items()
+            }
             wanted = attributes.get("name") or attributes.get("address") or ""
             wanted = wanted or (element.text or "").strip()
             if wanted in ("lo", "127.0.0.1", "::1"):
@@ -150,14 +143,6 @@ def check_cyclone(environment: Mapping[str, str], whose: str = SHELL) -> list[Fi
     return findings or [ok("cyclone", f"CYCLONEDDS_URI in {whose} does not limit discovery")]
 
 
-def _rooted(text: str) -> str:
-    """Put a root around XML: Cyclone accepts fragments, XML parsers do not."""
-    stripped = text.strip()
-    if stripped.startswith("<?"):
-        stripped = stripped.partition("?>")[2]
-    return f"<uri>{stripped}</uri>"
-
-
 def _known(wanted: str, here: Mapping[str, str]) -> bool:
     # IPv6 addresses, and attributes such as autodetermine="true", are not checked.
     return not wanted or ":" in wanted or wanted in here or wanted in here.values()
@@ -180,61 +165,6 @@ def check_security(environment: Mapping[str, str], whose: str = SHELL) -> list[F
 # --- the interfaces -------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Interface:
-    """A network interface that is up."""
-
-    name: str
-    index: int
-    flags: int
-    address: str  # the first of IPv4, or empty
-
-    @property
-    def is_up(self) -> bool:
-        """Whether the interface is up."""
-        return bool(self.flags & _UP)
-
-    @property
-    def is_loopback(self) -> bool:
-        """Whether it is the loopback interface."""
-        return bool(self.flags & _LOOPBACK)
-
-    @property
-    def has_multicast(self) -> bool:
-        """Whether multicast is enabled."""
-        return bool(self.flags & _MULTICAST)
-
-    @property
-    def is_inner(self) -> bool:
-        """Whether it belongs to containers or virtual machines."""
-        return self.name.startswith(_INNER)
-
-
-def interfaces() -> list[Interface]:
-    """Return the interfaces that are up; on other systems than Linux none."""
-    if sys.platform != "linux":
-        return []
-    import fcntl
-
-    found = []
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
-        for index, name in socket.if_nameindex():
-            request = struct.pack("=16s240x", name.encode()[:15])
-            try:
-                answer = fcntl.ioctl(sock, _SIOCGIFFLAGS, request)
-            except OSError:
-                continue  # gone meanwhile
-            (flags,) = struct.unpack_from("=H", answer, 16)
-            try:
-                answer = fcntl.ioctl(sock, _SIOCGIFADDR, request)
-                address = socket.inet_ntoa(answer[20:24])
-            except OSError:
-                address = ""
-            if flags & _UP:
-                found.append(Interface(name, index, flags, address))
-    return found
-
-
 def check_multicast(
     environment: Mapping[str, str], domain: int, found: list[Interface] | None = None
 ) -> list[Finding]:
@@ -253,14 +183,18 @@ def check_multicast(
     if sys.platform != "linux":
         return [unknown("multicast", "multicast is checked on Linux only")]
     all_up = interfaces() if found is None else found
-    outer = [one for one in all_up if one.address and not one.is_loopback and not one.is_inner]
+    outer = [
+        one
+        for one in all_up
+        if one.address and not one.is_loopback and not one.name.startswith(_INNER)
+    ]
     if not outer:
         return [_no_network(all_up)]
     return [_check_interface(one, domain) for one in outer]
 
 
 def _no_network(all_up: list[Interface]) -> Finding:
-    if any(one.is_loopback and one.is_up for one in all_up):
+    if any(one.is_loopback for one in all_up):
         return note(
             "multicast",
             "no network interface of this machine but loopback is up with an IPv4 address:"
@@ -272,7 +206,7 @@ def _no_network(all_up: list[Interface]) -> Finding:
 
 def _check_interface(interface: Interface, domain: int) -> Finding:
     if not interface.has_multicast:
-        if interface.flags & _POINT_TO_POINT:  # typical of a VPN, and no fault
+        if interface.flags & POINT_TO_POINT:  # typical of a VPN, and no fault
             return note(
                 "multicast",
                 f"{interface.name} ({interface.address}) has no multicast, like most VPNs: nodes"

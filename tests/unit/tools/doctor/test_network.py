@@ -10,14 +10,13 @@ import sys
 
 import pytest
 
+from uros.addresses import Interface, interfaces
 from uros.tools.doctor.network import (
-    Interface,
     check_cyclone,
     check_firewall,
     check_multicast,
     check_range,
     check_security,
-    interfaces,
     spdp_port,
     ufw_is_on,
 )
