@@ -12,7 +12,9 @@
 ``outbox``        Datagrams from what endpoints send.
 ``local``         Our writers and readers, and whether others match them.
 ``spdp``          Announcements of our participant.
+``builtin``       Our endpoints of builtin topics.
 ``sedp``          Announcements of endpoints.
+``liveliness``    Participant messages: our writers are alive.
 ``participant``   Our participant: all of the above, without sockets or a clock.
 ``udp``           The sockets of one domain.
 ``endpoints``     The contract's writers and readers.

@@ -36,6 +36,8 @@ PUBLICATIONS_WRITER: Final = b"\x00\x00\x03\xc2"
 PUBLICATIONS_READER: Final = b"\x00\x00\x03\xc7"
 SUBSCRIPTIONS_WRITER: Final = b"\x00\x00\x04\xc2"
 SUBSCRIPTIONS_READER: Final = b"\x00\x00\x04\xc7"
+PARTICIPANT_MESSAGE_WRITER: Final = b"\x00\x02\x00\xc2"
+PARTICIPANT_MESSAGE_READER: Final = b"\x00\x02\x00\xc7"
 # The last octet of an entity id: user-defined, without a key.
 KIND_WRITER_NO_KEY: Final = 0x03
 KIND_READER_NO_KEY: Final = 0x04
@@ -47,6 +49,11 @@ BIT_PUBLICATIONS_ANNOUNCER: Final = 1 << 2
 BIT_PUBLICATIONS_DETECTOR: Final = 1 << 3
 BIT_SUBSCRIPTIONS_ANNOUNCER: Final = 1 << 4
 BIT_SUBSCRIPTIONS_DETECTOR: Final = 1 << 5
+BIT_PARTICIPANT_MESSAGE_WRITER: Final = 1 << 10
+BIT_PARTICIPANT_MESSAGE_READER: Final = 1 << 11
+
+# A kind of ParticipantMessageData (9.6.3.1), four octets in any byte order.
+AUTOMATIC_LIVELINESS_UPDATE: Final = b"\x00\x00\x00\x01"
 
 # --- parameters (9.6.3, table 9.18) --------------------------------------------------------
 

@@ -3,18 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Final
 
-from ...qos import DurabilityPolicy, HistoryPolicy, QoSProfile
 from ..qos_matching import Mismatch, mismatches
 from .outbox import Outbox
 from .parameters import EndpointData
 from .reader import StatefulReader
 from .writer import StatefulWriter
-
-BUILTIN_QOS: Final = QoSProfile(
-    durability=DurabilityPolicy.TRANSIENT_LOCAL, history=HistoryPolicy.KEEP_ALL
-)
 
 
 class LocalWriter:
@@ -37,7 +31,7 @@ class LocalWriter:
         self._outbox = outbox
 
     def write(
-        self, payload: bytes, time_ns: int, now: float, inline_qos: bytes = b"",
+        self, payload: bytes, time_ns: int | None, now: float, inline_qos: bytes = b"",
         readers: frozenset[bytes] | None = None, with_header: bytes | None = None,
         is_key: bool = False,
     ) -> bool:  # fmt: skip

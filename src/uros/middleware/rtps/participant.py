@@ -14,16 +14,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from ...qos import HistoryPolicy, QoSProfile
+from ...qos import HistoryPolicy, LivelinessPolicy, QoSProfile
 from ..qos_matching import Mismatch
-from . import ids, parameters, sedp, submessages
+from . import builtin, ids, parameters, sedp, submessages
+from .builtin import BuiltinEndpoints
+from .liveliness import LivelinessAssertion
 from .local import LocalReader, LocalWriter, why_unmatched
 from .locators import Locator
 from .outbox import Outbox
 from .parameters import EndpointData, ParticipantData
 from .reader import Sample, StatefulReader
 from .reassembly import OctetBudget
-from .remote import RemoteParticipant
+from .remote import RemoteParticipant, lease
 from .spdp import LEASE_MS, ParticipantAnnouncer
 from .submessages import (
     AckNack,
@@ -46,11 +48,8 @@ _FRAGMENT_OVERHEAD: Final = 180
 # Attack: participants and endpoints without end.
 MAX_PARTICIPANTS: Final = 1000
 MAX_ENDPOINTS: Final = 5000  # of one participant
-# Attack: a participant that never leaves. The longest lease that is believed, in ms.
-MAX_LEASE_MS: Final = 600_000
 # Octets of early and incomplete samples of all readers.
 MAX_HELD: Final = 64 * 1024 * 1024
-_BUILTIN: Final = ids.BIT_PARTICIPANT_ANNOUNCER | ids.BIT_PARTICIPANT_DETECTOR | sedp.BUILTIN
 
 
 class Participant:
@@ -106,20 +105,36 @@ class Participant:
         self._budget = OctetBudget(MAX_HELD)
         self._next_key = 0
         data = ParticipantData(
-            self.guid, ids.VENDOR, ids.VERSION, domain, "", _BUILTIN, LEASE_MS,
+            self.guid, ids.VENDOR, ids.VERSION, domain, "", builtin.SERVED, LEASE_MS,
             unicast, multicast, unicast, [], user_data,
         )  # fmt: skip
         self._announcer = ParticipantAnnouncer(data, now)
         self._now = now
         self._outbox = Outbox(prefix, self.remotes, message_size)
-        self._discovery = sedp.EndpointDiscovery(
-            prefix, self._fragment_size, self._outbox, self._budget, self._on_endpoint
+        self._publications = self._builtin(
+            builtin.PUBLICATIONS, lambda sample: self._on_endpoint(sample, True)
         )
-        for writer in self._discovery.writers:
-            self.writers[writer.data.guid[ids.PREFIX_SIZE :]] = writer
-        for reader in self._discovery.readers:
-            self.readers[reader.data.guid[ids.PREFIX_SIZE :]] = reader
+        self._subscriptions = self._builtin(
+            builtin.SUBSCRIPTIONS, lambda sample: self._on_endpoint(sample, False)
+        )
+        # What others assert has no effect here besides their lease: our readers do not report it.
+        messages = self._builtin(builtin.PARTICIPANT_MESSAGES, lambda sample: None, 1)
+        self._builtins = (self._publications, self._subscriptions, messages)
+        self._liveliness = LivelinessAssertion(messages, prefix)
         self._closed = False
+
+    def _builtin(
+        self,
+        topic: builtin.BuiltinTopic,
+        deliver: Callable[[Sample], None],
+        depth: int | None = None,
+    ) -> BuiltinEndpoints:
+        made = BuiltinEndpoints(
+            topic, self._prefix, self._fragment_size, self._outbox, self._budget, deliver, depth
+        )
+        self.writers[topic.writer] = made.writer
+        self.readers[topic.reader] = made.reader
+        return made
 
     def take_datagrams(self) -> list[tuple[bytes, Locator]]:
         """Return the datagrams to send, each with where to."""
@@ -145,11 +160,15 @@ class Participant:
         guid = self._new_guid(ids.KIND_WRITER_NO_KEY)
         data = EndpointData(guid, True, topic, type_name, qos)
         depth = None if qos.history == HistoryPolicy.KEEP_ALL else max(1, qos.depth)
-        state = StatefulWriter(guid, qos.reliable, qos.transient_local, depth, self._fragment_size)
+        state = StatefulWriter(
+            guid, qos.reliable, qos.transient_local, depth, self._fragment_size,
+            is_manual=qos.liveliness == LivelinessPolicy.MANUAL_BY_TOPIC,
+        )  # fmt: skip
         writer = self.writers[guid[ids.PREFIX_SIZE :]] = LocalWriter(self._outbox, data, state)
         if wants_header is not None:
             writer.wants_header = wants_header
-        self._discovery.announce(writer, now, wall_ns)
+        self._liveliness.add(qos, now)
+        sedp.announce(writer, self._publications, now, wall_ns)
         for remote in self.remotes.values():
             for endpoint in remote.endpoints.values():
                 if not endpoint.is_writer:
@@ -165,7 +184,7 @@ class Participant:
         data = EndpointData(guid, False, topic, type_name, qos)
         state = StatefulReader(guid, qos.reliable, qos.transient_local, deliver, self._budget)
         reader = self.readers[guid[ids.PREFIX_SIZE :]] = LocalReader(data, state)
-        self._discovery.announce(reader, now, wall_ns)
+        sedp.announce(reader, self._subscriptions, now, wall_ns)
         for remote in self.remotes.values():
             for endpoint in remote.endpoints.values():
                 if endpoint.is_writer:
@@ -182,9 +201,11 @@ class Participant:
             return
         if isinstance(endpoint, LocalWriter):
             self._outbox.burst.discard(endpoint.state)
+            self._liveliness.remove(endpoint.data.qos)
+            sedp.withdraw(endpoint, self._publications, now, wall_ns)
         else:
             endpoint.state.close()
-        self._discovery.withdraw(endpoint, now, wall_ns)
+            sedp.withdraw(endpoint, self._subscriptions, now, wall_ns)
 
     def _new_guid(self, kind: int) -> bytes:
         self._next_key = self._next_key % 0xFF_FFFF + 1
@@ -214,6 +235,10 @@ class Participant:
     def _counterparts(self, theirs: EndpointData) -> list[LocalWriter | LocalReader]:
         """Our endpoints of the other kind."""
         return [*self.readers.values()] if theirs.is_writer else [*self.writers.values()]
+
+    def _match_builtin(self, remote: RemoteParticipant, now: float) -> None:
+        for endpoints in self._builtins:
+            endpoints.match(remote, now)
 
     def _forget(self, remote: RemoteParticipant) -> None:
         """Remove a participant with its endpoints."""
@@ -269,6 +294,7 @@ class Participant:
                     self._on_announcement(submessage, prefix, source, len(datagram), now)
                     remote = self.remotes.get(prefix)
                 elif remote is not None and remote.is_from(source):
+                    remote.expires = now + remote.lease  # multicast announcements may be lost
                     if is_directed and isinstance(submessage, AckNack):
                         remote.is_proven = True  # it knows our prefix
                     self._dispatch(remote, submessage, now)
@@ -331,30 +357,28 @@ class Participant:
             return  # a participant announces only itself and its endpoints
         if announced.domain not in (None, self._domain) or announced.domain_tag:
             return
-        lease = announced.lease_ms if announced.lease_ms is not None else MAX_LEASE_MS
-        expires = now + min(lease, MAX_LEASE_MS) / 1000
         if remote is not None:
             if not remote.is_from(source):
                 return  # another host uses its GUID
             remote.heard.setdefault(source)
-            remote.expires = expires
+            remote.lease = lease(announced)
+            remote.expires = now + remote.lease
             if remote.data != announced:
                 remote.data = announced
-                self._discovery.match(remote, now)
+                self._match_builtin(remote, now)
                 self.on_participant(announced, True)
             return
         if len(self.remotes) >= MAX_PARTICIPANTS:
             return
-        remote = self.remotes[prefix] = RemoteParticipant(announced)
+        remote = self.remotes[prefix] = RemoteParticipant(announced, now)
         remote.heard[source] = None
-        remote.expires = expires
         remote.received = octets
         place = remote.place(announced.metatraffic_unicast)
         if place is not None:  # it need not wait for our next announcement
             message = self._announcer.announcement()
             if remote.may_send(len(message)):
                 self._outbox.datagrams.append((message, place))
-        self._discovery.match(remote, now)
+        self._match_builtin(remote, now)
         self.on_participant(announced, True)
 
     def _on_endpoint(self, sample: Sample, is_writer: bool) -> None:
@@ -390,6 +414,8 @@ class Participant:
         if self._closed:
             return None
         deadline = self._announcer.due
+        if self._liveliness.due is not None:
+            deadline = min(deadline, self._liveliness.due)
         for remote in self.remotes.values():
             deadline = min(deadline, remote.expires)
         states = [writer.state.next_deadline() for writer in self.writers.values()]
@@ -408,6 +434,7 @@ class Participant:
             self._announcer.advance(now)
             message = self._announcer.announcement()
             self._outbox.datagrams += [(message, place) for place in self._announce_to]
+        self._liveliness.poll(now)
         for remote in [remote for remote in self.remotes.values() if remote.expires <= now]:
             self._forget(remote)
         for writer in list(self.writers.values()):

@@ -205,7 +205,6 @@ class StatefulReader:
                 if proxy.reliable and oldest < number:
                     return  # the older one first; this one is asked for later
                 proxy.incomplete.pop(oldest).close()
-                proxy.lost += 1
             incomplete = proxy.incomplete[number] = IncompleteSample(fragment, self._budget)
         payload = incomplete.add(fragment)
         if payload is None:

@@ -7,10 +7,21 @@ addresses that the peer was heard from, or that the user configured.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Final
 
 from . import ids
 from .locators import Locator
 from .parameters import EndpointData, ParticipantData
+
+# Attack: a participant that never leaves. The longest lease that is believed, in ms.
+MAX_LEASE_MS: Final = 600_000
+
+
+def lease(data: ParticipantData) -> float:
+    """Return the lease of a participant in seconds, within the limit."""
+    if data.lease_ms is None:
+        return MAX_LEASE_MS / 1000
+    return min(data.lease_ms, MAX_LEASE_MS) / 1000
 
 
 class RemoteParticipant:
@@ -19,16 +30,18 @@ class RemoteParticipant:
     Attributes:
         data: What it announces of itself.
         heard: The addresses that it was heard from, the first one first.
+        lease: Seconds without a sign of life after which it is gone.
         expires: When it counts as gone.
         endpoints: Its endpoints by GUID.
         received: Octets that came from it.
         is_proven: Whether it has answered us, and so receives what is sent to its address.
     """
 
-    def __init__(self, data: ParticipantData) -> None:
+    def __init__(self, data: ParticipantData, now: float) -> None:
         self.data = data
         self.heard: dict[str, None] = {}
-        self.expires = float("inf")
+        self.lease = lease(data)
+        self.expires = now + self.lease
         self.endpoints: dict[bytes, EndpointData] = {}
         self.received = 0
         self.is_proven = False

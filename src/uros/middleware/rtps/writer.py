@@ -45,7 +45,7 @@ class Change(NamedTuple):
         number: Its sequence number.
         payload: The sample with its encapsulation header; None for a farewell.
         inline_qos: Inline QoS, little endian; empty without one.
-        time_ns: When it was written, in ns since 1970.
+        time_ns: When it was written, in ns since 1970; None: unknown.
         readers: The GUIDs of the only readers that it is for; None: for all.
         is_key: Whether the payload is a key.
         with_header: The payload for readers that expect the identity of a request in it, and not in
@@ -55,7 +55,7 @@ class Change(NamedTuple):
     number: int
     payload: bytes | None
     inline_qos: bytes
-    time_ns: int
+    time_ns: int | None
     readers: frozenset[bytes] | None
     is_key: bool
     with_header: bytes | None
@@ -71,7 +71,7 @@ class Packet(NamedTuple):
     Attributes:
         reader: The GUID of the reader; None: for all.
         submessages: The submessages, which must stay in one message.
-        time_ns: The source time of DATA in it; None without DATA.
+        time_ns: The source time of DATA in it; None without one.
     """
 
     reader: bytes | None
@@ -133,6 +133,7 @@ class StatefulWriter:
             late readers, up to ``limit``.
         fragment_size: Octets of a fragment; longer samples are sent in fragments.
         limit: The most samples in the history with ``depth`` None.
+        is_manual: Whether writing asserts its liveliness (MANUAL_BY_TOPIC).
     """
 
     def __init__(
@@ -143,6 +144,7 @@ class StatefulWriter:
         depth: int | None,
         fragment_size: int,
         limit: int = 5000,
+        is_manual: bool = False,
     ) -> None:
         self.guid = guid
         self.reliable = reliable
@@ -152,6 +154,7 @@ class StatefulWriter:
         self._depth = depth
         self._limit = limit
         self._fragment_size = fragment_size
+        self._is_manual = is_manual
         self._history: dict[int, Change] = {}  # in order of their numbers
         self._expiring: set[int] = set()  # numbers that late readers do not get
         self._counter = 0  # of heartbeats
@@ -184,7 +187,7 @@ class StatefulWriter:
         )
         if proxy.reliable:
             self._schedule_heartbeat(proxy, now)
-            return [Packet(guid, self._heartbeat(proxy, False), None)]
+            return [Packet(guid, self._heartbeat(proxy), None)]
         if not late:
             return []
         return [
@@ -213,7 +216,7 @@ class StatefulWriter:
     def write(
         self,
         payload: bytes | None,
-        time_ns: int,
+        time_ns: int | None,
         now: float,
         inline_qos: bytes = b"",
         readers: frozenset[bytes] | None = None,
@@ -224,7 +227,7 @@ class StatefulWriter:
 
         Args:
             payload: The sample with its encapsulation header; None for a farewell.
-            time_ns: The time, in ns since 1970.
+            time_ns: The time, in ns since 1970; None: unknown.
             now: The time of deadlines, in seconds.
             inline_qos: Inline QoS, little endian, with its sentinel; empty without one.
             readers: The GUIDs of the only readers that it is for; None: for all.
@@ -267,9 +270,11 @@ class StatefulWriter:
         ]
         if not lacking:
             return []
+        # With the DATA lost, it still shows that the writer is alive.
+        liveliness = self._is_manual
         if not self._has_waiting():
-            return [Packet(None, self._heartbeat(None, False), None)]
-        return [Packet(proxy.guid, self._heartbeat(proxy, False), None) for proxy in lacking]
+            return [Packet(None, self._heartbeat(None, liveliness), None)]
+        return [Packet(proxy.guid, self._heartbeat(proxy, liveliness), None) for proxy in lacking]
 
     def _has_waiting(self) -> bool:
         return any(proxy.waits_until is not None for proxy in self.readers.values())
@@ -391,7 +396,7 @@ class StatefulWriter:
             if proxy.resend_at is not None and proxy.resend_at <= now:
                 yield from self._resend(proxy, now)
             if proxy.heartbeat_at is not None and proxy.heartbeat_at <= now:
-                yield Packet(proxy.guid, self._heartbeat(proxy, False), None)
+                yield Packet(proxy.guid, self._heartbeat(proxy), None)
                 proxy.heartbeat_at = None
                 if proxy.acked < self.last or proxy.waits_until is not None:
                     proxy.heartbeat_at = now + proxy.heartbeat_pause
@@ -401,14 +406,14 @@ class StatefulWriter:
         if proxy.heartbeat_at is None:
             proxy.heartbeat_at = now + proxy.heartbeat_pause
 
-    def _heartbeat(self, proxy: ReaderProxy | None, final: bool) -> bytes:
+    def _heartbeat(self, proxy: ReaderProxy | None, liveliness: bool = False) -> bytes:
         self._counter += 1
         reader = ids.ENTITY_UNKNOWN if proxy is None else proxy.guid[ids.PREFIX_SIZE :]
         first, last = self._first(), self.last
         if proxy is not None and proxy.waits_until is not None:
             first, last = proxy.first, proxy.first - 1  # nothing yet
         return encode_heartbeat(
-            reader, self._entity, first, last, self._counter & 0x7FFF_FFFF, final
+            reader, self._entity, first, last, self._counter & 0x7FFF_FFFF, False, liveliness
         )
 
     def _data(self, change: Change, proxy: ReaderProxy | None) -> Iterator[Packet]:

@@ -6,7 +6,7 @@ Both are ours: what both could get wrong together is tested against real peers i
 import random
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from uros.middleware.rtps import ids, submessages
@@ -351,6 +351,7 @@ def test_heartbeats_of_a_reader_that_does_not_answer_become_seldom():
 
 
 @given(st.integers(0, 10**6), st.lists(st.sampled_from([20, 250, 1000]), max_size=30))
+@example(336, [20, 20, 20, 1000, 1000, 1000, 1000, 250, 250, 250, 1000, 1000, 250])
 def test_best_effort_delivers_whole_samples_that_are_newer_each_time(seed, sizes):
     link = Link(seed, (0.1, 0.1, 0.1), reliable=False)
     end = End(reliable=False)
