@@ -100,7 +100,9 @@ class BuiltinEndpoints:
         self._topic = topic
         self._outbox = outbox
         guid = prefix + topic.writer
-        history = StatefulWriter(guid, True, True, depth, fragment_size, _LIMIT)
+        history = StatefulWriter(
+            guid, True, True, depth, fragment_size, _LIMIT, repeats=outbox.repeats
+        )
         self.writer = LocalWriter(outbox, EndpointData(guid, True, "", "", _QOS), history)
         guid = prefix + topic.reader
         received = StatefulReader(guid, True, True, accept, budget)

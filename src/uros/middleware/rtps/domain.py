@@ -24,6 +24,7 @@ from .locators import Locator
 from .parameters import EndpointData, ParticipantData
 from .participant import Participant
 from .reader import Sample
+from .reassembly import OctetBudget
 from .udp import DomainSockets
 
 # A board creates its entities within a few milliseconds: one message for all. Seconds.
@@ -37,6 +38,10 @@ _PAUSE: Final = 0.001
 # A writer that is faster than that for long: datagrams that wait for one place. Others are lost, as
 # on a network; reliable writers repeat them.
 _MAX_BACKLOG: Final = 50_000
+# Octets of such datagrams for all places.
+_MAX_BACKLOG_OCTETS: Final = 128 * 1024 * 1024
+# Attack: datagrams that take long. Seconds of them in one turn; boards are served in between.
+_RECEIVE_SECONDS: Final = 0.01
 # Attack: topics without end whose endpoints do not match. Pairs that are reported once.
 _MAX_REPORTED: Final = 1000
 
@@ -93,6 +98,7 @@ class RtpsDomain:
         self._readers: dict[str, list[RtpsReader]] = {}
         # Datagrams behind a slice, by place; those that follow have to wait too.
         self._backlog: dict[Locator, deque[bytes]] = {}
+        self._backlog_octets = OctetBudget(_MAX_BACKLOG_OCTETS)
         self._backlog_at: float | None = None
         self._info_at: float | None = None
         self._info_sent = 0.0
@@ -315,6 +321,8 @@ class RtpsDomain:
         now = time.monotonic()
         for datagram, source in self._sockets.receive():
             self.participant.receive(datagram, source, now)
+            if time.monotonic() - now > _RECEIVE_SECONDS:
+                break
         self.tick()
 
     def next_deadline(self) -> float | None:
@@ -347,7 +355,7 @@ class RtpsDomain:
             sent = octets.get(place, 0)
             if place in self._backlog or sent >= _SLICE:
                 waiting = self._backlog.setdefault(place, deque())
-                if len(waiting) < _MAX_BACKLOG:
+                if len(waiting) < _MAX_BACKLOG and self._backlog_octets.take(len(datagram), place):
                     waiting.append(datagram)
                 continue
             octets[place] = sent + len(datagram)
@@ -363,8 +371,10 @@ class RtpsDomain:
     def _send_slice(self, place: Locator, datagrams: deque[bytes]) -> None:
         octets = 0
         while datagrams and octets < _SLICE:
-            octets += len(datagrams[0])
-            self._sockets.send(datagrams.popleft(), place)
+            datagram = datagrams.popleft()
+            octets += len(datagram)
+            self._backlog_octets.give_back(len(datagram), place)
+            self._sockets.send(datagram, place)
         if not datagrams:
             del self._backlog[place]
 

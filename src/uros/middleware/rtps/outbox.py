@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from . import ids, submessages
 from .locators import Locator
 from .remote import RemoteParticipant
-from .writer import Packet, StatefulWriter
+from .writer import Packet, RepeatBudget, StatefulWriter
 
 
 class Outbox:
@@ -20,6 +20,7 @@ class Outbox:
     Attributes:
         datagrams: Datagrams to send, each with where to.
         burst: Writers that have written since the last :meth:`flush`.
+        repeats: What writers may repeat.
 
     Args:
         prefix: Our GUID prefix.
@@ -32,6 +33,7 @@ class Outbox:
     ) -> None:
         self.datagrams: list[tuple[bytes, Locator]] = []
         self.burst: set[StatefulWriter] = set()
+        self.repeats = RepeatBudget()
         self._prefix = prefix
         self._remotes = remotes
         self._message_size = message_size

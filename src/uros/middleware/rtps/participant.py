@@ -25,7 +25,7 @@ from .outbox import Outbox
 from .parameters import EndpointData, ParticipantData
 from .reader import Sample, StatefulReader
 from .reassembly import OctetBudget
-from .remote import RemoteParticipant, lease
+from .remote import RemoteParticipant, cost, lease
 from .spdp import LEASE_MS, ParticipantAnnouncer
 from .submessages import (
     AckNack,
@@ -48,8 +48,18 @@ _FRAGMENT_OVERHEAD: Final = 180
 # Attack: participants and endpoints without end.
 MAX_PARTICIPANTS: Final = 1000
 MAX_ENDPOINTS: Final = 5000  # of one participant
+# RTPS has ports for 120 participants on one machine.
+MAX_PARTICIPANTS_OF_ADDRESS: Final = 250
+# Octets of what is known of all of them, and their share (see :class:`OctetBudget`).
+MAX_KNOWN: Final = 64 * 1024 * 1024
+# Where all places are taken, one that has not answered for so many seconds makes room for another.
+_UNPROVEN: Final = 1.0
 # Octets of early and incomplete samples of all readers.
 MAX_HELD: Final = 64 * 1024 * 1024
+# Seconds without a poll after which this process was stopped. Announcements of others are still
+# unread then: their leases are extended for as long as it takes to read them.
+_STOPPED: Final = 5.0
+_GRACE: Final = 1.0
 
 
 class Participant:
@@ -103,6 +113,9 @@ class Participant:
         self._announce_to = [*multicast, *peers]
         self._fragment_size = (message_size - _FRAGMENT_OVERHEAD) & ~3
         self._budget = OctetBudget(MAX_HELD)
+        self._known = OctetBudget(MAX_KNOWN)
+        self._turn = 0
+        self._polled_at = now
         self._next_key = 0
         data = ParticipantData(
             self.guid, ids.VENDOR, ids.VERSION, domain, "", builtin.SERVED, LEASE_MS,
@@ -163,6 +176,7 @@ class Participant:
         state = StatefulWriter(
             guid, qos.reliable, qos.transient_local, depth, self._fragment_size,
             is_manual=qos.liveliness == LivelinessPolicy.MANUAL_BY_TOPIC,
+            repeats=self._outbox.repeats,
         )  # fmt: skip
         writer = self.writers[guid[ids.PREFIX_SIZE :]] = LocalWriter(self._outbox, data, state)
         if wants_header is not None:
@@ -243,21 +257,23 @@ class Participant:
     def _forget(self, remote: RemoteParticipant) -> None:
         """Remove a participant with its endpoints."""
         self.remotes.pop(remote.prefix, None)
-        for guid in list(remote.endpoints):
-            self._remove_endpoint(remote, guid)
+        self._known.give_back(cost(remote.data), remote.prefix)
+        for endpoint in remote.endpoints.values():
+            self._known.give_back(cost(endpoint), remote.prefix)
         for writer in self.writers.values():
-            for guid in [guid for guid in writer.state.readers if guid.startswith(remote.prefix)]:
-                writer.state.unmatch(guid)
+            writer.state.unmatch_participant(remote.prefix)
         for reader in self.readers.values():
-            for guid in [guid for guid in reader.state.writers if guid.startswith(remote.prefix)]:
-                reader.state.unmatch(guid)
+            reader.state.unmatch_participant(remote.prefix)
         self._outbox.forget(remote)
+        for endpoint in remote.endpoints.values():
+            self.on_endpoint(endpoint, False)
         self.on_participant(remote.data, False)
 
     def _remove_endpoint(self, remote: RemoteParticipant, guid: bytes) -> None:
         endpoint = remote.endpoints.pop(guid, None)
         if endpoint is None:
             return
+        self._known.give_back(cost(endpoint), remote.prefix)
         for ours in self._counterparts(endpoint):
             ours.state.unmatch(guid)
         self.on_endpoint(endpoint, False)
@@ -274,9 +290,8 @@ class Participant:
         """
         self._now = now
         try:
-            _, _, prefix = submessages.read_header(datagram)
-            if prefix == self._prefix:
-                return
+            _, _, sender = submessages.read_header(datagram)
+            prefix = sender
             remote = self.remotes.get(prefix)
             is_for_us, is_directed = True, False
             if remote is not None:
@@ -288,22 +303,28 @@ class Participant:
                 elif isinstance(submessage, InfoSource):
                     prefix = submessage.prefix
                     remote = self.remotes.get(prefix)
-                elif not is_for_us:
-                    continue
+                elif not is_for_us or prefix == self._prefix:
+                    continue  # our own multicast comes back; others do not speak for us
                 elif isinstance(submessage, Data) and submessage.writer == ids.SPDP_WRITER:
-                    self._on_announcement(submessage, prefix, source, len(datagram), now)
+                    # Attack: many participants in one datagram, each of which could be answered
+                    # with as many octets.
+                    octets = len(datagram) if prefix == sender else 0
+                    self._on_announcement(submessage, prefix, source, octets, now)
                     remote = self.remotes.get(prefix)
                 elif remote is not None and remote.is_from(source):
                     remote.expires = now + remote.lease  # multicast announcements may be lost
                     if is_directed and isinstance(submessage, AckNack):
                         remote.is_proven = True  # it knows our prefix
-                    self._dispatch(remote, submessage, now)
+                    if not self._dispatch(remote, submessage, now):
+                        self._forget(remote)  # until its next announcement
+                        remote = None
         except MalformedError:
             self.malformed += 1
 
     def _dispatch(
         self, remote: RemoteParticipant, submessage: submessages.Submessage, now: float
-    ) -> None:
+    ) -> bool:
+        """Give a submessage to the endpoints it is for; False where its sender has begun anew."""
         if isinstance(submessage, AckNack | NackFrag):
             writer = self.writers.get(submessage.writer)
             if writer is not None:
@@ -312,9 +333,10 @@ class Participant:
                     writer.state.on_acknack(guid, submessage, now)
                 else:
                     writer.state.on_nack_frag(guid, submessage, now)
-            return
+            return True
         if not isinstance(submessage, Data | DataFrag | Heartbeat | HeartbeatFrag | Gap):
-            return
+            return True
+        is_same = True
         guid = remote.prefix + submessage.writer
         if submessage.reader == ids.ENTITY_UNKNOWN:
             readers = [
@@ -332,11 +354,12 @@ class Participant:
             elif isinstance(submessage, DataFrag):
                 reader.on_fragments(guid, submessage)
             elif isinstance(submessage, Heartbeat):
-                reader.on_heartbeat(guid, submessage, now)
+                is_same &= reader.on_heartbeat(guid, submessage, now)
             elif isinstance(submessage, Gap):
                 reader.on_gap(guid, submessage)
             else:
                 reader.on_heartbeat_frag(guid, submessage, now)
+        return is_same
 
     def _on_announcement(
         self, data: Data, prefix: bytes, source: str, octets: int, now: float
@@ -360,18 +383,20 @@ class Participant:
         if remote is not None:
             if not remote.is_from(source):
                 return  # another host uses its GUID
-            remote.heard.setdefault(source)
+            remote.hear(source)
             remote.lease = lease(announced)
             remote.expires = now + remote.lease
             if remote.data != announced:
+                if not self._exchange(cost(remote.data), cost(announced), prefix):
+                    return
                 remote.data = announced
                 self._match_builtin(remote, now)
                 self.on_participant(announced, True)
             return
-        if len(self.remotes) >= MAX_PARTICIPANTS:
+        if not self._has_place(source, now) or not self._known.take(cost(announced), prefix):
             return
         remote = self.remotes[prefix] = RemoteParticipant(announced, now)
-        remote.heard[source] = None
+        remote.hear(source)
         remote.received = octets
         place = remote.place(announced.metatraffic_unicast)
         if place is not None:  # it need not wait for our next announcement
@@ -380,6 +405,26 @@ class Participant:
                 self._outbox.datagrams.append((message, place))
         self._match_builtin(remote, now)
         self.on_participant(announced, True)
+
+    def _exchange(self, before: int, after: int, holder: bytes) -> bool:
+        """Account for what is known anew; False where a participant would know too much."""
+        if after > before:
+            return self._known.take(after - before, holder)
+        self._known.give_back(before - after, holder)
+        return True
+
+    def _has_place(self, source: str, now: float) -> bool:
+        """Whether one more participant may come from an address; one that is forged makes room."""
+        from_there = sum(source in remote.heard for remote in self.remotes.values())
+        if from_there >= MAX_PARTICIPANTS_OF_ADDRESS:
+            return False
+        if len(self.remotes) < MAX_PARTICIPANTS:
+            return True
+        for remote in self.remotes.values():
+            if not remote.is_proven and now - remote.since >= _UNPROVEN:
+                self._forget(remote)
+                return True
+        return False
 
     def _on_endpoint(self, sample: Sample, is_writer: bool) -> None:
         """Handle a sample of SEDP."""
@@ -396,7 +441,11 @@ class Participant:
         if isinstance(endpoint, bytes):
             self._remove_endpoint(remote, endpoint)
             return
-        if endpoint.guid not in remote.endpoints and len(remote.endpoints) >= MAX_ENDPOINTS:
+        known = remote.endpoints.get(endpoint.guid)
+        if known is None and len(remote.endpoints) >= MAX_ENDPOINTS:
+            return
+        before = 0 if known is None else cost(known)
+        if not self._exchange(before, cost(endpoint), remote.prefix):
             return
         remote.endpoints[endpoint.guid] = endpoint
         for ours in self._counterparts(endpoint):
@@ -435,9 +484,15 @@ class Participant:
             message = self._announcer.announcement()
             self._outbox.datagrams += [(message, place) for place in self._announce_to]
         self._liveliness.poll(now)
+        if now - self._polled_at > _STOPPED:
+            for remote in self.remotes.values():
+                remote.expires = max(remote.expires, now + _GRACE)
+        self._polled_at = now
         for remote in [remote for remote in self.remotes.values() if remote.expires <= now]:
             self._forget(remote)
-        for writer in list(self.writers.values()):
+        writers = list(self.writers.values())
+        self._turn = (self._turn + 1) % len(writers)  # another one is the first to repeat samples
+        for writer in writers[self._turn :] + writers[: self._turn]:
             self._outbox.add_packets(writer.state, writer.state.poll(now))
         for reader in list(self.readers.values()):
             for guid, octets in reader.state.poll(now):
@@ -453,7 +508,7 @@ class Participant:
         places = dict.fromkeys(self._announce_to)
         for remote in self.remotes.values():
             place = remote.place(remote.data.metatraffic_unicast)
-            if place is not None:
+            if place is not None and remote.may_send(len(message)):
                 places[place] = None
         self._outbox.datagrams += [(message, place) for place in places]
         for reader in self.readers.values():

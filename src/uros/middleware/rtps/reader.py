@@ -33,6 +33,11 @@ from .submessages import (
 # entry costs besides its octets.
 MAX_AHEAD: Final = 4096
 _OVERHEAD: Final = 200
+# Attack: gaps of any width. Numbers of a gap that are noted before their turn; the writer is asked
+# for the others, and answers with the gap again.
+_MAX_NOTED: Final = 256
+# A writer whose heartbeats are behind what came from it, for so many seconds, has begun anew.
+_RESTART_AFTER: Final = 1.0
 # A writer that does not answer the first acknowledgement with a heartbeat is asked again, after
 # these seconds; Fast DDS repeats its own after 3.
 _ASK_AFTER: Final = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)
@@ -75,15 +80,17 @@ class WriterProxy:
             HEARTBEAT or GAP.
         held: Samples beyond ``expected`` by number; None for numbers that are passed over.
         lost: Samples that the writer no longer had.
+        behind_since: When its heartbeats began to be behind what came from it; None: they are not.
     """
 
     __slots__ = (
-        "ack_at", "acknack_counter", "asked", "expected", "guid", "heartbeat_counter", "held",
-        "held_octets", "highest", "incomplete", "lost", "nack_frag_counter", "reliable",
+        "ack_at", "asked", "behind_since", "expected", "guid", "heartbeat_counter", "held",
+        "held_octets", "highest", "incomplete", "lost", "participant", "reliable",
     )  # fmt: skip
 
     def __init__(self, guid: bytes, reliable: bool, now: float) -> None:
         self.guid = guid
+        self.participant = guid[: ids.PREFIX_SIZE]
         self.reliable = reliable
         self.expected: int | None = None
         self.held: dict[int, Sample | None] = {}
@@ -91,8 +98,7 @@ class WriterProxy:
         self.incomplete: dict[int, IncompleteSample] = {}
         self.highest = 0  # the last number that the writer is known to have
         self.heartbeat_counter: int | None = None
-        self.acknack_counter = 0
-        self.nack_frag_counter = 0
+        self.behind_since: float | None = None
         self.lost = 0
         self.asked = 0  # first acknowledgements that no heartbeat answered
         self.ack_at: float | None = now if reliable else None
@@ -132,6 +138,9 @@ class StatefulReader:
         self._deliver = deliver
         self._budget = budget
         self._entity = guid[ids.PREFIX_SIZE :]
+        # Of acknowledgements. They rise across matches with one writer, which may not have noticed
+        # that it was forgotten, and drops counters that do not rise.
+        self._counter = 0
 
     # --- writers --------------------------------------------------------------------------
 
@@ -144,9 +153,14 @@ class StatefulReader:
         """Remove a writer with what is held of it; idempotent."""
         proxy = self.writers.pop(guid, None)
         if proxy is not None:
-            self._budget.give_back(proxy.held_octets)
+            self._budget.give_back(proxy.held_octets, proxy.participant)
             for incomplete in proxy.incomplete.values():
                 incomplete.close()
+
+    def unmatch_participant(self, prefix: bytes) -> None:
+        """Remove all writers of a participant."""
+        for guid in [guid for guid in self.writers if guid.startswith(prefix)]:
+            self.unmatch(guid)
 
     def close(self) -> None:
         """Remove all writers."""
@@ -195,7 +209,7 @@ class StatefulReader:
             return
         incomplete = proxy.incomplete.get(number)
         if incomplete is None:
-            if not IncompleteSample.is_acceptable(fragment):
+            if not IncompleteSample.is_acceptable(fragment, self._budget):
                 if proxy.reliable and proxy.expected is not None:
                     self._pass_over(proxy, number)  # it would be asked for without end
                     self._deliver_held(proxy)
@@ -205,7 +219,9 @@ class StatefulReader:
                 if proxy.reliable and oldest < number:
                     return  # the older one first; this one is asked for later
                 proxy.incomplete.pop(oldest).close()
-            incomplete = proxy.incomplete[number] = IncompleteSample(fragment, self._budget)
+            incomplete = proxy.incomplete[number] = IncompleteSample(
+                fragment, self._budget, proxy.participant
+            )
         payload = incomplete.add(fragment)
         if payload is None:
             return
@@ -215,13 +231,25 @@ class StatefulReader:
         raw, little = qos if qos is not None else (None, True)
         self.on_data(writer, number, payload, raw, little, is_key)
 
-    def on_heartbeat(self, writer: bytes, heartbeat: Heartbeat, now: float) -> None:
-        """Handle HEARTBEAT of a matched reliable writer; one that comes late is dropped."""
+    def on_heartbeat(self, writer: bytes, heartbeat: Heartbeat, now: float) -> bool:
+        """Handle HEARTBEAT of a matched reliable writer; one that comes late is dropped.
+
+        Returns:
+            False where the writer has begun anew, as after a restart of its participant under the
+            same GUID: what is known of the participant no longer holds.
+        """
         proxy = self.writers.get(writer)
         if proxy is None or not proxy.reliable:
-            return
-        if not is_newer(heartbeat.counter, proxy.heartbeat_counter):
-            return
+            return True
+        is_new = is_newer(heartbeat.counter, proxy.heartbeat_counter)
+        if is_new and heartbeat.last >= (proxy.expected or 0) - 1:
+            proxy.behind_since = None
+        elif proxy.behind_since is None:
+            proxy.behind_since = now
+        elif now - proxy.behind_since >= _RESTART_AFTER:
+            return False
+        if not is_new:
+            return True
         proxy.heartbeat_counter = heartbeat.counter
         proxy.asked = 0
         proxy.ack_at = None
@@ -233,15 +261,13 @@ class StatefulReader:
                 first = heartbeat.last + 1
             proxy.expected = min([first, *proxy.held])
         if heartbeat.first > proxy.expected:
-            proxy.lost += (
-                heartbeat.first
-                - proxy.expected
-                - sum(number < heartbeat.first for number in proxy.held)
-            )
-            self._advance(proxy, heartbeat.first)
+            before = proxy.expected
+            proxy.lost -= self._advance(proxy, heartbeat.first)
+            proxy.lost += proxy.expected - before
         self._deliver_held(proxy)
         if not heartbeat.final or self._lacks(proxy):
             proxy.ack_at = now
+        return True
 
     def on_gap(self, writer: bytes, gap: Gap) -> None:
         """Handle GAP of a matched reliable writer."""
@@ -253,7 +279,7 @@ class StatefulReader:
         if proxy.expected is not None and start <= proxy.expected:
             self._advance(proxy, gap.base)
             start = proxy.expected
-        for number in (*range(start, min(gap.base, start + MAX_AHEAD)), *gap.irrelevant):
+        for number in (*range(start, min(gap.base, start + _MAX_NOTED)), *gap.irrelevant):
             self._pass_over(proxy, number)
         self._deliver_held(proxy)
 
@@ -294,7 +320,7 @@ class StatefulReader:
         if number in proxy.held:
             return
         octets = _OVERHEAD + (len(sample.payload) if sample.payload is not None else 0)
-        if self._budget.take(octets):
+        if self._budget.take(octets, proxy.participant):
             proxy.held_octets += octets
             proxy.held[number] = sample
 
@@ -302,7 +328,7 @@ class StatefulReader:
         """Note that a number is not for this reader."""
         if not self._is_wanted(proxy, number) or number in proxy.held:
             return
-        if not self._budget.take(_OVERHEAD):
+        if not self._budget.take(_OVERHEAD, proxy.participant):
             return
         proxy.held_octets += _OVERHEAD
         proxy.held[number] = None
@@ -310,18 +336,27 @@ class StatefulReader:
         if incomplete is not None:
             incomplete.close()
 
-    def _advance(self, proxy: WriterProxy, to: int) -> None:
-        """Deliver what is held below ``to``, and pass over the rest of it."""
+    def _advance(self, proxy: WriterProxy, to: int) -> int:
+        """Deliver what is held below ``to``, and pass over the rest of it; how many were held."""
         assert proxy.expected is not None
-        for number in sorted(number for number in proxy.held if number < to):
+        count = 0
+        # Attack: many small steps, each of which would search all that is held.
+        steps = range(proxy.expected, to)
+        if len(steps) < len(proxy.held):
+            held = [number for number in steps if number in proxy.held]
+        else:
+            held = sorted(number for number in proxy.held if number < to)
+        for number in held:
             sample = proxy.held[number]
             if sample is not None and not self._deliver(sample):
                 to = number  # it is asked for again, if the writer still has it
                 break
             self._release(proxy, number)
+            count += 1
         for number in [number for number in proxy.incomplete if number < to]:
             proxy.incomplete.pop(number).close()
         proxy.expected = max(proxy.expected, to)
+        return count
 
     def _release(self, proxy: WriterProxy, number: int) -> None:
         sample = proxy.held.pop(number)
@@ -329,7 +364,7 @@ class StatefulReader:
         if sample is not None and sample.payload is not None:
             octets += len(sample.payload)
         proxy.held_octets -= octets
-        self._budget.give_back(octets)
+        self._budget.give_back(octets, proxy.participant)
 
     def _deliver_held(self, proxy: WriterProxy) -> None:
         """Deliver what is held and now in order."""
@@ -398,14 +433,15 @@ class StatefulReader:
             )
             incomplete.has_progressed = False
             if lacking:
-                proxy.nack_frag_counter += 1
+                self._counter += 1
                 fragments += encode_nack_frag(
-                    self._entity, entity, number, lacking, proxy.nack_frag_counter
+                    self._entity, entity, number, lacking, self._counter & 0x7FFF_FFFF
                 )
         return self._acknack(proxy, entity, base, missing, not missing) + fragments
 
     def _acknack(
         self, proxy: WriterProxy, entity: bytes, base: int, missing: list[int], final: bool
     ) -> bytes:
-        proxy.acknack_counter += 1
-        return encode_acknack(self._entity, entity, base, missing, proxy.acknack_counter, final)
+        self._counter += 1
+        counter = self._counter & 0x7FFF_FFFF
+        return encode_acknack(self._entity, entity, base, missing, counter, final)

@@ -6,12 +6,13 @@ fragments arrive, up to a limit that all readers of a participant share.
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from typing import Final
 
 from .submessages import DataFrag
 
 # The largest sample that is put together. A 4K picture of 3 octets a pixel has 25 MB.
-MAX_SAMPLE: Final = 64 * 1024 * 1024
+MAX_SAMPLE: Final = 28 * 1024 * 1024
 # Attack: fragments of one octet; each takes an entry of a table.
 MIN_FRAGMENT: Final = 64
 # Samples of one writer that are incomplete at the same time; the oldest is given up.
@@ -21,31 +22,45 @@ _OVERHEAD: Final = 100
 
 
 class OctetBudget:
-    """Octets that may be held for incomplete and early samples, shared by readers.
+    """Octets that may be held, shared by holders that are not trusted.
+
+    Attack: a participant that takes all of it. Each holder may have as much as remains free: one
+    alone half of the limit, and n of them leave a part of n + 1 to the next.
 
     Attributes:
+        limit: The most.
         used: Octets in use.
 
     Args:
         limit: The most.
     """
 
-    __slots__ = ("limit", "used")
+    __slots__ = ("_used_by", "limit", "used")
 
     def __init__(self, limit: int) -> None:
         self.limit = limit
         self.used = 0
+        self._used_by: dict[Hashable, int] = {}
 
-    def take(self, octets: int) -> bool:
-        """Take octets; False where that would exceed the limit, and nothing is taken."""
-        if self.used + octets > self.limit:
+    def take(self, octets: int, holder: Hashable) -> bool:
+        """Take octets; False where that would exceed the holder's share, and nothing is taken."""
+        held = self._used_by.get(holder, 0) + octets
+        if held > self.limit - self.used:
             return False
         self.used += octets
+        self._used_by[holder] = held
         return True
 
-    def give_back(self, octets: int) -> None:
-        """Return octets that were taken."""
+    def give_back(self, octets: int, holder: Hashable) -> None:
+        """Return octets that the holder has taken."""
+        if not octets:
+            return
         self.used -= octets
+        held = self._used_by[holder] - octets
+        if held:
+            self._used_by[holder] = held
+        else:
+            del self._used_by[holder]
 
 
 class IncompleteSample:
@@ -62,14 +77,15 @@ class IncompleteSample:
     Args:
         first: The fragment that came first.
         budget: Where its octets are taken from; :meth:`close` gives them back.
+        holder: For whom they are taken.
     """
 
     __slots__ = (
-        "_budget", "_first_missing", "_fragments", "_held", "fragment_size", "highest",
+        "_budget", "_first_missing", "_fragments", "_held", "_holder", "fragment_size", "highest",
         "has_progressed", "inline_qos", "is_key", "number", "sample_size",
     )  # fmt: skip
 
-    def __init__(self, first: DataFrag, budget: OctetBudget) -> None:
+    def __init__(self, first: DataFrag, budget: OctetBudget, holder: Hashable) -> None:
         self.number = first.number
         self.sample_size = first.sample_size
         self.fragment_size = first.fragment_size
@@ -78,16 +94,19 @@ class IncompleteSample:
         self.has_progressed = False
         self.inline_qos: tuple[bytes, bool] | None = None
         self._budget = budget
+        self._holder = holder
         self._fragments: dict[int, bytes] = {}
         self._held = 0
         self._first_missing = 1
 
     @staticmethod
-    def is_acceptable(fragment: DataFrag) -> bool:
+    def is_acceptable(fragment: DataFrag, budget: OctetBudget) -> bool:
         """Return whether a sample of this size in such fragments is put together at all."""
-        if fragment.sample_size > MAX_SAMPLE:
+        size = fragment.sample_size
+        if size > MAX_SAMPLE or fragment.fragment_size < min(MIN_FRAGMENT, size):
             return False
-        return fragment.fragment_size >= min(MIN_FRAGMENT, fragment.sample_size)
+        # It must fit into the share that one participant has of an empty budget.
+        return size + -(-size // fragment.fragment_size) * _OVERHEAD <= budget.limit // 2
 
     @property
     def last(self) -> int:
@@ -113,7 +132,7 @@ class IncompleteSample:
                 continue
             start = index * self.fragment_size
             octets = bytes(fragment.payload[start : start + self.fragment_size])
-            if not self._budget.take(len(octets) + _OVERHEAD):
+            if not self._budget.take(len(octets) + _OVERHEAD, self._holder):
                 return None
             self._held += len(octets) + _OVERHEAD
             self._fragments[number] = octets
@@ -134,5 +153,5 @@ class IncompleteSample:
     def close(self) -> None:
         """Drop the fragments and give their octets back; idempotent."""
         self._fragments.clear()
-        self._budget.give_back(self._held)
+        self._budget.give_back(self._held, self._holder)
         self._held = 0

@@ -15,13 +15,33 @@ from .parameters import EndpointData, ParticipantData
 
 # Attack: a participant that never leaves. The longest lease that is believed, in ms.
 MAX_LEASE_MS: Final = 600_000
+# Attack: a participant that comes and goes with each announcement.
+_MIN_LEASE_MS: Final = 100
 
 
 def lease(data: ParticipantData) -> float:
     """Return the lease of a participant in seconds, within the limit."""
     if data.lease_ms is None:
         return MAX_LEASE_MS / 1000
-    return min(data.lease_ms, MAX_LEASE_MS) / 1000
+    return max(_MIN_LEASE_MS, min(data.lease_ms, MAX_LEASE_MS)) / 1000
+
+
+# Attack: a participant that announces other addresses again and again. A machine has some
+# interfaces, each with some addresses.
+MAX_ADDRESSES: Final = 32
+# What a participant and an endpoint cost besides the octets of their announcements.
+_OVERHEAD: Final = 2048
+
+
+def cost(data: ParticipantData | EndpointData) -> int:
+    """Return about how many octets it takes to know a participant or an endpoint."""
+    if isinstance(data, ParticipantData):
+        places = len(data.metatraffic_unicast) + len(data.metatraffic_multicast)
+        places += len(data.default_unicast) + len(data.default_multicast)
+        return 2 * _OVERHEAD + 200 * places + len(data.user_data)
+    texts = sum(map(len, (data.topic, data.type_name, *data.qos.partitions)))
+    places = len(data.unicast) + len(data.multicast) + len(data.qos.partitions)
+    return _OVERHEAD + 200 * places + texts + len(data.qos.user_data)
 
 
 class RemoteParticipant:
@@ -31,6 +51,7 @@ class RemoteParticipant:
         data: What it announces of itself.
         heard: The addresses that it was heard from, the first one first.
         lease: Seconds without a sign of life after which it is gone.
+        since: When it was heard first.
         expires: When it counts as gone.
         endpoints: Its endpoints by GUID.
         received: Octets that came from it.
@@ -39,6 +60,7 @@ class RemoteParticipant:
 
     def __init__(self, data: ParticipantData, now: float) -> None:
         self.data = data
+        self.since = now
         self.heard: dict[str, None] = {}
         self.lease = lease(data)
         self.expires = now + self.lease
@@ -64,6 +86,12 @@ class RemoteParticipant:
     def prefix(self) -> bytes:
         """Its GUID prefix."""
         return self.data.guid[: ids.PREFIX_SIZE]
+
+    def hear(self, source: str) -> None:
+        """Note an address that it was heard from."""
+        self.heard.setdefault(source)
+        if len(self.heard) > MAX_ADDRESSES:
+            del self.heard[next(iter(self.heard))]
 
     def is_from(self, source: str) -> bool:
         """Return whether an address is one that it was heard from, or announces."""

@@ -29,6 +29,7 @@ from .reader import Sample
 _UNKNOWN: Final = -1 << 32
 # Attack: requests whose reply reader never matches. Replies that wait, and for how many seconds.
 MAX_WAITING: Final = 256
+_MAX_WAITING_OCTETS: Final = 16 * 1024 * 1024
 _PATIENCE: Final = 10.0
 # Attack: samples that are not for us, as fast as they can be sent. Takes in a row that may bring
 # nothing; the rest is taken in a later turn.
@@ -209,6 +210,8 @@ class RtpsReplier(Replier):
         if guid not in self._known_readers() and self._is_reader(guid):
             until = time.monotonic() + _PATIENCE
             self._waiting.append((guid, sequence, payload, until))
+            while sum(len(reply[2]) for reply in self._waiting) > _MAX_WAITING_OCTETS:
+                self._waiting.popleft()
             return True
         return self._write(guid, sequence, payload)
 

@@ -16,6 +16,8 @@ from . import ids
 HEADER_SIZE: Final = 20
 # Numbers that one bitmap covers (9.4.2.6).
 MAX_BITS: Final = 256
+# Attack: numbers at the end of 64 bits, beyond which none can be encoded. No writer gets there.
+MAX_NUMBER: Final = (1 << 63) - (1 << 20)
 _FLAG_LITTLE: Final = 0x01
 _FLAG_INLINE_QOS: Final = 0x02  # of DATA and DATA_FRAG
 _FLAG_DATA: Final = 0x04  # of DATA
@@ -186,7 +188,7 @@ class _Order(NamedTuple):
 
 
 def _order(mark: str) -> _Order:
-    forms = ("H", "I", "iI", "iIiI", "iI", "HH", "IHHI")
+    forms = ("H", "I", "iI", "iIiI", "II", "HH", "IHHI")
     return _Order(*(struct.Struct(mark + form) for form in forms))
 
 
@@ -236,7 +238,10 @@ def read(datagram: memoryview) -> Iterator[Submessage]:
 
 
 def _sequence(high: int, low: int) -> int:
-    return int((high << 32) + low)
+    number = int((high << 32) + low)
+    if number > MAX_NUMBER:
+        raise MalformedError(f"sequence number {number}")
+    return number
 
 
 def _bits(body: memoryview, at: int, base: int, order: _Order) -> tuple[int, ...]:
@@ -365,7 +370,7 @@ def _parse_info_ts(body: memoryview, flags: int, order: _Order) -> InfoTimestamp
     if flags & _FLAG_INVALIDATE:
         return InfoTimestamp(None)
     seconds, fraction = order.time.unpack_from(body)
-    if (seconds, fraction) == (-1, 0xFFFFFFFF):  # TIME_INVALID
+    if (seconds, fraction) == (0xFFFFFFFF, 0xFFFFFFFF):  # TIME_INVALID
         return InfoTimestamp(None)
     return InfoTimestamp(seconds * 1_000_000_000 + (fraction * 1_000_000_000 >> 32))
 
@@ -424,7 +429,7 @@ _DATA_FRAG: Final = struct.Struct("<BBHHH4s4siIIHHI")
 _HEARTBEAT: Final = struct.Struct("<BBH4s4siIiII")
 _RANGE: Final = struct.Struct("<BBH4s4siIiI")
 _BASED: Final = struct.Struct("<BBH4s4siI")
-_INFO_TS: Final = struct.Struct("<BBHiI")
+_INFO_TS: Final = struct.Struct("<BBHII")
 _MAX_LENGTH: Final = 0xFFFF
 
 
@@ -602,13 +607,16 @@ def encode_heartbeat_frag(
 
 
 def encode_info_ts(time_ns: int | None) -> bytes:
-    """Return an INFO_TS submessage; None says that the time is unknown."""
+    """Return an INFO_TS submessage; None says that the time is unknown.
+
+    Seconds have 32 bits without a sign (RTPS 2.5, 9.3.2.1): they wrap in 2106, and before 1970.
+    """
     if time_ns is None:
         return _SUBMESSAGE.pack(ids.INFO_TS, _FLAG_LITTLE | _FLAG_INVALIDATE, 0)
     seconds, ns = divmod(time_ns, 1_000_000_000)
     # Rounded up, so that reading it gives the same nanosecond.
     fraction = -(-(ns << 32) // 1_000_000_000)
-    return _INFO_TS.pack(ids.INFO_TS, _FLAG_LITTLE, 8, seconds, fraction)
+    return _INFO_TS.pack(ids.INFO_TS, _FLAG_LITTLE, 8, seconds & 0xFFFFFFFF, fraction)
 
 
 def encode_info_dst(prefix: bytes) -> bytes:

@@ -36,6 +36,17 @@ _MAX_WAIT: Final = 1.0
 # reader at once; the rest follows after a pause, in seconds.
 _RESEND_OCTETS: Final = 32 * 1024
 _RESEND_PAUSE: Final = 0.002
+# Attack: the same of many readers. Octets a second that all writers of a participant repeat to all
+# readers, and at once.
+_REPEAT_RATE: Final = 32 * 1024 * 1024
+_REPEAT_BURST: Final = 128 * 1024
+# Samples of megabytes that nobody acknowledges. Octets in the history with ``depth`` None.
+MAX_HISTORY: Final = 64 * 1024 * 1024
+# Attack: a reader that never acknowledges, for which a writer that keeps all would wait for ever.
+# After so many seconds without an acknowledgement, a full history is kept for others only.
+_PATIENCE: Final = 10.0
+# A reader whose acknowledgements are behind its earlier ones, for so many seconds, has begun anew.
+_RESTART_AFTER: Final = 1.0
 
 
 class Change(NamedTuple):
@@ -60,6 +71,11 @@ class Change(NamedTuple):
     is_key: bool
     with_header: bytes | None
 
+    @property
+    def octets(self) -> int:
+        """What it takes of the history's limit."""
+        return len(self.payload or b"") + len(self.with_header or b"")
+
     def is_for(self, reader: bytes) -> bool:
         """Return whether it is for the reader of a GUID."""
         return self.readers is None or reader in self.readers
@@ -79,6 +95,27 @@ class Packet(NamedTuple):
     time_ns: int | None
 
 
+class RepeatBudget:
+    """Octets that may be repeated now, shared by the writers of a participant."""
+
+    __slots__ = ("_at", "_octets")
+
+    def __init__(self) -> None:
+        self._octets = float(_REPEAT_BURST)
+        self._at = float("-inf")
+
+    def has_room(self, now: float) -> bool:
+        """Return whether something may be repeated."""
+        if now > self._at:
+            self._octets = min(_REPEAT_BURST, self._octets + (now - self._at) * _REPEAT_RATE)
+        self._at = now
+        return self._octets > 0
+
+    def spend(self, octets: int) -> None:
+        """Note octets that are repeated."""
+        self._octets -= octets
+
+
 class ReaderProxy:
     """What a writer knows of one matched reader.
 
@@ -87,15 +124,18 @@ class ReaderProxy:
         reliable: Whether it acknowledges.
         first: The first number that is for it.
         acked: All numbers up to this one are acknowledged.
+        heard_at: When it acknowledged last, or matched.
+        is_stalled: Whether a full history is not kept for it, as it does not acknowledge.
+        behind_since: When its acknowledgements began to be behind earlier ones; None: they are not.
         wants_header: Whether it expects the identity of a request in the payload.
         waits_until: When samples are sent although it has acknowledged nothing; None after its
             first acknowledgement.
     """
 
     __slots__ = (
-        "acked", "acknack_counter", "first", "fragments", "guid", "heartbeat_at",
-        "heartbeat_pause", "nack_frag_counter", "reliable", "requested", "resend_at",
-        "waits_until", "wants_header",
+        "acked", "acknack_counter", "behind_since", "first", "fragments", "guid", "heard_at",
+        "heartbeat_at", "heartbeat_pause", "is_stalled", "nack_frag_counter", "reliable",
+        "requested", "resend_at", "waits_until", "wants_header",
     )  # fmt: skip
 
     def __init__(
@@ -105,6 +145,9 @@ class ReaderProxy:
         self.reliable = reliable
         self.first = first
         self.acked = first - 1
+        self.heard_at = now
+        self.is_stalled = False
+        self.behind_since: float | None = None
         self.acknack_counter: int | None = None
         self.nack_frag_counter: int | None = None
         self.requested: set[int] = set()  # numbers to send again
@@ -134,6 +177,7 @@ class StatefulWriter:
         fragment_size: Octets of a fragment; longer samples are sent in fragments.
         limit: The most samples in the history with ``depth`` None.
         is_manual: Whether writing asserts its liveliness (MANUAL_BY_TOPIC).
+        repeats: What may be repeated; None: no more than this writer alone may.
     """
 
     def __init__(
@@ -145,6 +189,7 @@ class StatefulWriter:
         fragment_size: int,
         limit: int = 5000,
         is_manual: bool = False,
+        repeats: RepeatBudget | None = None,
     ) -> None:
         self.guid = guid
         self.reliable = reliable
@@ -155,7 +200,9 @@ class StatefulWriter:
         self._limit = limit
         self._fragment_size = fragment_size
         self._is_manual = is_manual
+        self._repeats = repeats if repeats is not None else RepeatBudget()
         self._history: dict[int, Change] = {}  # in order of their numbers
+        self._octets = 0  # in the history
         self._expiring: set[int] = set()  # numbers that late readers do not get
         self._counter = 0  # of heartbeats
         self._entity = guid[ids.PREFIX_SIZE :]
@@ -202,16 +249,39 @@ class StatefulWriter:
         if self.readers.pop(guid, None) is not None:
             self._trim()
 
+    def unmatch_participant(self, prefix: bytes) -> None:
+        """Remove all readers of a participant."""
+        guids = [guid for guid in self.readers if guid.startswith(prefix)]
+        for guid in guids:
+            del self.readers[guid]
+        if guids:
+            self._trim()
+
     # --- samples --------------------------------------------------------------------------
 
     def has_room(self) -> bool:
         """Return whether a sample can be written: False with ``depth`` None and a full history."""
-        if self._depth is not None or len(self._history) < self._limit:
+        if not self._is_full():
             return True
         if self._transient_local:  # the oldest that all readers have makes room
-            oldest = next(iter(self._history))
-            return all(proxy.acked >= oldest for proxy in self.readers.values() if proxy.reliable)
+            return self._acked() >= next(iter(self._history))
         return False
+
+    def _is_full(self) -> bool:
+        return self._depth is None and (
+            len(self._history) >= self._limit or self._octets >= MAX_HISTORY
+        )
+
+    def _acked(self) -> int:
+        """The number up to which all readers have everything that is kept for them."""
+        return min(
+            (
+                proxy.acked
+                for proxy in self.readers.values()
+                if proxy.reliable and not proxy.is_stalled
+            ),
+            default=self.last,
+        )
 
     def write(
         self,
@@ -242,6 +312,7 @@ class StatefulWriter:
         waits = any(proxy.reliable for proxy in self.readers.values())
         if self._transient_local or waits:
             self._history[self.last] = change
+            self._octets += change.octets
             self._evict()
         packets: list[Packet] = []
         is_for_all = readers is None and with_header is None and not self._has_waiting()
@@ -282,14 +353,17 @@ class StatefulWriter:
     def _evict(self) -> None:
         """Keep the history within its depth."""
         most = self._depth if self._depth is not None else self._limit
-        while len(self._history) > most:
-            del self._history[next(iter(self._history))]
+        while len(self._history) > most or (
+            self._depth is None and self._octets > MAX_HISTORY and len(self._history) > 1
+        ):
+            self._drop(next(iter(self._history)))
+
+    def _drop(self, number: int) -> None:
+        self._octets -= self._history.pop(number).octets
 
     def _trim(self) -> None:
         """Drop what all reliable readers have, where no late reader wants it."""
-        acked = min(
-            (proxy.acked for proxy in self.readers.values() if proxy.reliable), default=self.last
-        )
+        acked = self._acked()
         if self._transient_local:
             for number in [number for number in self._expiring if number <= acked]:
                 self.remove(number)
@@ -298,7 +372,7 @@ class StatefulWriter:
             oldest = next(iter(self._history))
             if oldest > acked:
                 break
-            del self._history[oldest]
+            self._drop(oldest)
 
     def history(self) -> list[Change]:
         """Return the samples that a late reader gets, oldest first."""
@@ -308,7 +382,8 @@ class StatefulWriter:
 
     def remove(self, number: int) -> None:
         """Drop a sample from the history; idempotent."""
-        self._history.pop(number, None)
+        if number in self._history:
+            self._drop(number)
         self._expiring.discard(number)
 
     def expire(self, number: int) -> None:
@@ -331,9 +406,18 @@ class StatefulWriter:
         proxy = self.readers.get(reader)
         if proxy is None or not proxy.reliable:
             return
-        if not is_newer(acknack.counter, proxy.acknack_counter):
+        if is_newer(acknack.counter, proxy.acknack_counter):
+            proxy.behind_since = None
+        elif proxy.behind_since is None:
+            proxy.behind_since = now
+            return
+        elif now - proxy.behind_since < _RESTART_AFTER:
             return
         proxy.acknack_counter = acknack.counter
+        proxy.heard_at = now
+        proxy.is_stalled = False
+        if proxy.acked >= proxy.first >= acknack.base:
+            self._restart(proxy)
         if proxy.waits_until is not None:
             self._begin(proxy, now)
         acked = min(acknack.base - 1, self.last)
@@ -354,6 +438,14 @@ class StatefulWriter:
             self._schedule_heartbeat(proxy, now)
         if not acknack.final and not asked:
             proxy.heartbeat_at = now  # it asks what there is
+
+    def _restart(self, proxy: ReaderProxy) -> None:
+        """Forget what a reader has: it has forgotten this writer meanwhile, and begins anew."""
+        proxy.behind_since = None
+        proxy.nack_frag_counter = None
+        proxy.acked = proxy.first - 1
+        proxy.requested.clear()
+        proxy.fragments.clear()
 
     def _begin(self, proxy: ReaderProxy, now: float) -> None:
         """Send a reader all that is for it."""
@@ -390,17 +482,31 @@ class StatefulWriter:
 
     def poll(self, now: float) -> Iterator[Packet]:
         """Yield what is due: samples to send again, gaps and heartbeats."""
+        if self._is_full():
+            self._give_up_stalled(now)
         for proxy in list(self.readers.values()):
             if proxy.waits_until is not None and proxy.waits_until <= now:
                 self._begin(proxy, now)
             if proxy.resend_at is not None and proxy.resend_at <= now:
-                yield from self._resend(proxy, now)
+                if self._repeats.has_room(now):
+                    yield from self._resend(proxy, now)
+                    if proxy.guid in self.readers:  # behind the others that wait
+                        self.readers[proxy.guid] = self.readers.pop(proxy.guid)
+                else:
+                    proxy.resend_at = now + _RESEND_PAUSE
             if proxy.heartbeat_at is not None and proxy.heartbeat_at <= now:
                 yield Packet(proxy.guid, self._heartbeat(proxy), None)
                 proxy.heartbeat_at = None
                 if proxy.acked < self.last or proxy.waits_until is not None:
                     proxy.heartbeat_at = now + proxy.heartbeat_pause
                     proxy.heartbeat_pause = min(_HEARTBEAT_LAST, proxy.heartbeat_pause * 2)
+
+    def _give_up_stalled(self, now: float) -> None:
+        """Keep the history no longer for readers that have not acknowledged for long."""
+        for proxy in self.readers.values():
+            if proxy.acked < self.last and now - proxy.heard_at >= _PATIENCE:
+                proxy.is_stalled = True
+        self._trim()
 
     def _schedule_heartbeat(self, proxy: ReaderProxy, now: float) -> None:
         if proxy.heartbeat_at is None:
@@ -456,6 +562,7 @@ class StatefulWriter:
                 continue
             for packet in self._asked_data(proxy, change):
                 octets += len(packet.submessages)
+                self._repeats.spend(len(packet.submessages))
                 yield packet
                 if octets >= _RESEND_OCTETS:
                     break
