@@ -6,6 +6,7 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 import threading
 import time
 from contextlib import contextmanager
@@ -261,10 +262,10 @@ def test_the_camera_publishes_a_picture_a_second_and_reports_faults(engine, peer
 
 
 @contextmanager
-def agent_with_rclpy(python, domain, link):
-    """An agent in a process of its own on this line, with rclpy, which services need."""
+def agent_process(domain, link):
+    """An agent in a process of its own on this line."""
     process = subprocess.Popen(
-        [str(python), "-m", "uros", "agent", "serial", "--dev", str(link), "-m", "auto",
+        [sys.executable, "-m", "uros", "agent", "serial", "--dev", str(link), "-m", "auto",
          "--domain", str(domain), "--stop-at-eof"],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
         env=dict(os.environ, PYTHONPATH=str(ROOT / "src")),
@@ -286,10 +287,10 @@ def agent_with_rclpy(python, domain, link):
 
 
 @pytest.fixture(scope="class")
-def link(ros_python, domain, tmp_path_factory):
+def link(domain, tmp_path_factory):
     """The path of a serial line that an agent waits for; each board of the class has it in turn."""
     path = tmp_path_factory.mktemp("line") / "ttyUSB0"
-    with agent_with_rclpy(ros_python, domain, path):
+    with agent_process(domain, path):
         yield path
 
 

@@ -207,9 +207,9 @@ class Inbox:
         self.samples.extend(self.reader.take(limit or self.limit))
 
 
-NETWORKS = ["memory", "memory-two", "dds", "dds-two", "rtps", "rtps-two"]
+NETWORKS = ["memory", "memory-two", "dds", "dds-two", "rtps", "rtps-two", "auto"]
 if find_spec("rclpy") is not None:
-    NETWORKS += ["ros2", "auto"]
+    NETWORKS.append("ros2")
 
 
 @pytest.fixture(params=NETWORKS)

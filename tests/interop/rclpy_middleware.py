@@ -1,5 +1,4 @@
-"""Tests of the middlewares ros2 and auto that need rclpy: test_ros2_middleware.py runs this file
-with the interpreter that has rclpy."""
+"""Tests of the ros2 middleware; test_ros2_middleware.py runs them, with rclpy's interpreter."""
 
 import resource
 import select
@@ -16,9 +15,7 @@ from support.signals import default_signals
 from uros.middleware import open_middleware
 from uros.middleware import ros_names as names
 from uros.middleware.base import MiddlewareError, Service
-from uros.middleware.dds.middleware import DdsMiddleware
 from uros.middleware.ros2 import endpoints, rcl, types
-from uros.middleware.services.pending_endpoints import PendingEndpoint
 from uros.qos import (
     DurabilityPolicy,
     HistoryPolicy,
@@ -46,23 +43,9 @@ REPLY = b"\0\1\0\0\1\0\0\0\3\0\0\0ok\0"
 KEEP_ALL = QoSProfile(history=HistoryPolicy.KEEP_ALL)
 
 
-@pytest.fixture(params=["ros2", "auto"])
-def either(request):
-    middleware = open_middleware(request.param)
-    yield middleware
-    middleware.close()
-
-
 @pytest.fixture
 def ros2():
     middleware = open_middleware("ros2")
-    yield middleware
-    middleware.close()
-
-
-@pytest.fixture
-def auto():
-    middleware = open_middleware("auto")
     yield middleware
     middleware.close()
 
@@ -359,46 +342,45 @@ def test_replies_to_other_clients_are_skipped(ros2, own_domain_id):
     assert [number for number, _ in second.end.take(100)] == [3, 4]
 
 
-def test_endpoints_that_are_closed_while_a_thread_waits_for_them(either, own_domain_id):
+def test_endpoints_that_are_closed_while_a_thread_waits_for_them(ros2, own_domain_id):
     """An endpoint is removed from the wait set first: rcl must not wait for freed memory."""
     for round_ in range(100):
-        node = either.create_node(own_domain_id, "/", f"node{round_ % 3}")
+        node = ros2.create_node(own_domain_id, "/", f"node{round_ % 3}")
         server = Taker(node.create_replier, TRIGGER)
         caller = Taker(node.create_requester, TRIGGER)
         caller.end.request(REQUEST)
         if round_ % 2:
-            until(either, lambda server=server: server.taken)
+            until(ros2, lambda server=server: server.taken)
             server.end.reply(*server.taken[0][:2], REPLY)
         (server if round_ % 3 else caller).end.close()
         node.close()
 
 
 @pytest.mark.parametrize("order", [(0, 1, 2), (2, 1, 0), (1, 0, 2)])
-def test_boards_whose_nodes_have_the_same_name(either, own_domain_id, order):
+def test_boards_whose_nodes_have_the_same_name(ros2, own_domain_id, order):
     """Services of nodes with one name still work when any of the nodes is closed.
 
     Fast DDS's graph looks a node up by its name, and finds the first of that name.
     """
-    nodes = [either.create_node(own_domain_id, "/", "same") for _ in range(3)]
+    nodes = [ros2.create_node(own_domain_id, "/", "same") for _ in range(3)]
     servers = [Taker(node.create_replier, TRIGGER) for node in nodes]
-    caller = Taker(either.create_node(own_domain_id, "/", "caller").create_requester, TRIGGER)
+    caller = Taker(ros2.create_node(own_domain_id, "/", "caller").create_requester, TRIGGER)
     caller.end.request(REQUEST)
-    until(either, lambda: all(server.taken for server in servers))
-    assert len({guid for server in servers for guid in server.end.readers}) == 3
+    until(ros2, lambda: all(server.taken for server in servers))
     for closed, index in enumerate(order, 1):
         nodes[index].close()
         caller.end.request(REQUEST)
         left = [servers[index] for index in order[closed:]]
-        until(either, lambda closed=closed, left=left: all(len(s.taken) > closed for s in left))
+        until(ros2, lambda closed=closed, left=left: all(len(s.taken) > closed for s in left))
 
 
 # --- the process ------------------------------------------------------------------
 
 
-def test_rclpy_leaves_signal_handlers_unchanged(either, own_domain_id):
+def test_rclpy_leaves_signal_handlers_unchanged(ros2, own_domain_id):
     with default_signals():
         handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-        node = either.create_node(own_domain_id, "/", "node")
+        node = ros2.create_node(own_domain_id, "/", "node")
         node.create_replier(TRIGGER, QoSProfile(), lambda: None)
         for number, handler in handlers.items():
             assert signal.getsignal(number) is handler
@@ -418,7 +400,7 @@ def test_a_context_that_is_shut_down_is_an_error_with_the_remedy(ros2, own_domai
 def test_closing_causes_no_runtime_warning(own_domain_id):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        middleware = open_middleware("auto")
+        middleware = open_middleware("ros2")
         node = middleware.create_node(own_domain_id, "/", "node")
         node.create_writer("rt/chatter", STRING, QoSProfile())
         node.create_replier(TRIGGER, QoSProfile(), lambda: None)
@@ -426,158 +408,3 @@ def test_closing_causes_no_runtime_warning(own_domain_id):
         middleware.close()
         middleware.close()
     assert [str(w.message) for w in caught if issubclass(w.category, RuntimeWarning)] == []
-
-
-# --- auto -------------------------------------------------------------------------
-
-
-def test_the_boards_node_announces_the_services_and_no_more_when_they_go(auto, own_domain_id):
-    watching = DdsMiddleware()
-    graph = watching.graph(own_domain_id, lambda: None)
-
-    def listed():
-        def topics(gids):
-            endpoints = [graph.endpoints.get(gid) for gid in gids]
-            return sorted("unknown" if end is None else end.topic for end in endpoints)
-
-        return {
-            f"{node.namespace.rstrip('/')}/{node.name}": (
-                topics(node.readers),
-                topics(node.writers),
-            )
-            for nodes in graph.announced.values()
-            for node in nodes
-        }
-
-    def wait(done):
-        deadline = time.monotonic() + SECONDS
-        while not done():
-            assert time.monotonic() < deadline, listed()
-            auto.tick()
-            watching.tick()
-            if select.select([watching.fileno()], [], [], 0.02)[0]:
-                watching.dispatch()
-
-    node = auto.create_node(own_domain_id, "/garden", "gate")
-    ends = [
-        node.create_replier(TRIGGER, QoSProfile(), lambda: None),
-        node.create_requester(SET, QoSProfile(), lambda: None),
-    ]
-    wait(
-        lambda: (
-            listed().get("/garden/gate")
-            == (["rq/triggerRequest", "rr/setReply"], ["rq/setRequest", "rr/triggerReply"])
-        )
-    )
-    ends[0].close()
-    wait(lambda: listed().get("/garden/gate") == (["rr/setReply"], ["rq/setRequest"]))
-    ends[1].close()
-    wait(lambda: listed().get("/garden/gate") == ([], []))
-    node.close()
-    wait(lambda: "/garden/gate" not in listed() and "/garden/_gate" not in listed())
-    watching.close()
-
-
-def test_two_servers_of_one_node_have_their_own_endpoints(auto, own_domain_id):
-    """Two servers of the same name in one node: each announces its own endpoints."""
-    node = auto.create_node(own_domain_id, "/", "twice")
-    first, second = (node.create_replier(TRIGGER, QoSProfile(), lambda: None) for _ in range(2))
-    assert len(first.readers) == len(second.readers) == len(first.writers) == 1
-    assert first.readers != second.readers and first.writers != second.writers
-
-
-# --- auto as the agent uses it: rclpy is imported while the agent serves boards ---------
-
-
-@pytest.fixture
-def serving():
-    middleware = open_middleware("auto")
-    middleware.batching = True
-    yield middleware
-    middleware.close()
-
-
-def test_pending_endpoints_carry_requests_and_replies(serving, own_domain_id):
-    """Endpoints that wait for rclpy or for their type carry requests and replies once it loads."""
-    node = serving.create_node(own_domain_id, "/", "node")
-    server = Taker(node.create_replier, TRIGGER)
-    caller = Taker(node.create_requester, TRIGGER)
-    assert isinstance(server.end, PendingEndpoint) and caller.end.request(REQUEST) is None
-    until(serving, lambda: caller.end.request(REQUEST))
-    until(serving, lambda: server.taken)
-    for guid, sequence, _ in server.taken:
-        assert server.end.reply(guid, sequence, REPLY)
-    until(serving, lambda: caller.taken)
-    ((number, answer),) = caller.taken
-    assert (number, answer[4], answer[8:]) == (1, 1, REPLY[8:])  # octets 5 to 7 are padding
-    setter = Taker(node.create_replier, SET)  # another type has to be loaded first
-    assert isinstance(setter.end, PendingEndpoint)
-    assert not isinstance(Taker(node.create_replier, TRIGGER).end, PendingEndpoint)
-
-
-def test_pending_endpoints_are_announced_when_they_are_created(serving, own_domain_id):
-    watching = DdsMiddleware()
-    graph = watching.graph(own_domain_id, lambda: None)
-    node = serving.create_node(own_domain_id, "/garden", "gate")
-    end = node.create_replier(TRIGGER, QoSProfile(), lambda: None)
-
-    def topics():
-        announced = [node for nodes in graph.announced.values() for node in nodes]
-        gates = [node for node in announced if node.name == "gate"]
-        endpoints = [graph.endpoints.get(g) for n in gates for g in (*n.readers, *n.writers)]
-        return {endpoint.topic for endpoint in endpoints if endpoint is not None}
-
-    def wait(wanted):
-        deadline = time.monotonic() + SECONDS
-        while topics() != wanted:
-            assert time.monotonic() < deadline, topics()
-            for middleware in (serving, watching):
-                if select.select([middleware.fileno()], [], [], 0.02)[0]:
-                    middleware.dispatch()
-                middleware.tick()
-
-    wait({TRIGGER.request_topic, TRIGGER.reply_topic})
-    end.close()
-    wait(set())
-    watching.close()
-
-
-@pytest.mark.parametrize("turns", [0, 1, 2, 5])
-def test_nodes_and_middlewares_that_are_closed_while_endpoints_are_pending(own_domain_id, turns):
-    """Closing nodes, endpoints and the middleware in any order raises no error."""
-    for round_ in range(10):
-        middleware = open_middleware("auto")
-        middleware.batching = True
-        nodes = [middleware.create_node(own_domain_id, "/", f"node{i}") for i in range(3)]
-        services = (TRIGGER, SET, PARAMETERS)
-        ends = [
-            Taker(make, service).end
-            for node, service in zip(nodes, services, strict=True)
-            for make in (node.create_replier, node.create_requester)
-        ]
-        for _ in range(turns):
-            if select.select([middleware.fileno()], [], [], 0.1)[0]:
-                middleware.dispatch()
-        if round_ % 2:
-            nodes[round_ % 3].close()
-            ends[round_ % 6].close()
-        if round_ % 3:
-            middleware.close()
-        for end in ends:
-            end.close()
-        middleware.close()
-
-
-def test_a_type_that_its_package_lacks_goes_over_dds(serving, own_domain_id):
-    notices = []
-    serving.on_notice = notices.append
-    node = serving.create_node(own_domain_id, "/", "node")
-    jump = Service(
-        "rq/jumpRequest", "std_srvs::srv::dds_::Jump_Request_",
-        "rr/jumpReply", "std_srvs::srv::dds_::Jump_Response_",
-    )  # fmt: skip
-    caller = node.create_requester(jump, QoSProfile(), lambda: None)
-    until(serving, lambda: caller.request(REQUEST))
-    assert len(notices) == 1
-    assert "std_srvs/srv/Jump: package std_srvs has no such type" in notices[0]
-    assert len(node._dds._endpoints) == 2

@@ -1,11 +1,12 @@
 """Actions of boards on both Pythons, with real rclpy's action client and server.
 
-The agent is a process of the interpreter that has rclpy, with the auto middleware.
+The agent is a process with the auto middleware, whose Python has no rclpy.
 """
 
 import os
 import shutil
 import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -47,7 +48,7 @@ def peer(ros_python, domain):
 class ActionBoard:
     """A board, and ``uros agent`` on its serial line."""
 
-    def __init__(self, engine, folder, ros_python, domain):
+    def __init__(self, engine, folder, domain):
         self.name = engine
         self.action = f"/{engine}/fibonacci"
         self.peer_action = f"/real/{engine}"  # the action that the board's client uses
@@ -59,7 +60,7 @@ class ActionBoard:
             form="mpy" if engine == "micropython" else "py",
         )  # fmt: skip
         self._command = [
-            str(ros_python), "-m", "uros", "agent", "serial", "-m", "auto", "--domain",
+            sys.executable, "-m", "uros", "agent", "serial", "-m", "auto", "--domain",
             str(domain), "--stop-at-eof",
         ]  # fmt: skip
         self._log = folder / "agent.log"
@@ -83,8 +84,8 @@ class ActionBoard:
 
 
 @pytest.fixture(scope="module", params=["cpython", "micropython"])
-def board(request, tmp_path_factory, ros_python, domain):
-    board = ActionBoard(request.param, tmp_path_factory.mktemp("actions"), ros_python, domain)
+def board(request, tmp_path_factory, domain):
+    board = ActionBoard(request.param, tmp_path_factory.mktemp("actions"), domain)
     with board.running:
         board.start_agent()
         try:

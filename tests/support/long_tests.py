@@ -30,7 +30,6 @@ LONG = (
     "host/test_node.py",
     "interfaces/test_codec.py",
     "interfaces/test_dynamic.py",
-    "middleware/dds/test_suppressed_nodes.py",
     "test_fuzz_corpus.py",
     "tools/agent/options/test_state.py",
     "tools/board/test_board.py",

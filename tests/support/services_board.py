@@ -3,6 +3,7 @@
 import os
 import shutil
 import subprocess
+import sys
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -17,9 +18,9 @@ SECONDS = 30.0
 
 
 @contextmanager
-def agent_process(python, device, domain, middleware="auto"):
-    """A process of ``uros agent`` on a serial line, under the interpreter that has rclpy."""
-    command = [python, "-m", "uros", "agent", "serial", "-D", device, "-m", middleware]
+def agent_process(device, domain, middleware="auto"):
+    """A process of ``uros agent`` on a serial line."""
+    command = [sys.executable, "-m", "uros", "agent", "serial", "-D", device, "-m", middleware]
     process = subprocess.Popen(
         [*map(str, command), "--domain", str(domain), "--stop-at-eof"],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
@@ -57,6 +58,6 @@ def board_and_peer(python, folder, engine, domain):
     with (
         RosPeer(python, domain, SCRIPT) as peer,
         running_board(folder, engine, name) as board,
-        agent_process(python, board.path, domain),
+        agent_process(board.path, domain),
     ):
         yield f"/{name}/{name}", peer

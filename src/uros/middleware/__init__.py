@@ -12,7 +12,7 @@ each lives in a module or package of its own that is imported only when asked fo
 ``dds``             Nodes in the ROS 2 network by Cyclone DDS, without an installed ROS.
 ``rtps``            Nodes in the ROS 2 network by DDSI-RTPS in Python, without a DDS library.
 ``ros2``            Nodes in the ROS 2 network by rclpy, on any RMW.
-``auto``            The agent's default: topics over ``dds``, services over ``ros2``.
+``auto``            The agent's default: topics over ``dds``, services over ``rtps``.
 ``services``        What the middlewares share for services.
 ``discovery_info``  The ``ros_discovery_info`` topic: its format, its limits and its Gid size.
 ``type_conflicts``  Finds topics whose endpoints have different types.

@@ -73,32 +73,11 @@ class LiveSource(Source, Protocol):
 
 
 def living_nodes(source: Source) -> list[NodeSource]:
-    """Return the nodes of the participants that are there.
-
-    A board's services may belong to a hidden node too, rclpy's in its agent
-    (:mod:`.dds.suppressed_nodes`). That one is left out if the board's node lists all of its
-    endpoints.
-    """
+    """Return the nodes of the participants that are there."""
     alive = source.participants
-    nodes = [
+    return [
         node
         for participant, announced in source.announced.items()
         if participant in alive
         for node in announced
     ]
-    doubles = {(node.namespace, node.name[1:]) for node in nodes if node.name.startswith("_")}
-    if not doubles:
-        return nodes
-    gids: dict[tuple[str, str], set[bytes]] = {}
-    for node in nodes:
-        name = node.namespace, node.name
-        if name in doubles:
-            gids.setdefault(name, set()).update(node.readers, node.writers)
-
-    def is_double(node: NodeSource) -> bool:
-        if not node.name.startswith("_"):
-            return False
-        listed = gids.get((node.namespace, node.name[1:]))
-        return listed is not None and listed.issuperset([*node.readers, *node.writers])
-
-    return [node for node in nodes if not is_double(node)]

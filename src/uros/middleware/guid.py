@@ -8,6 +8,9 @@ GUID_SIZE: Final = 16
 _PREFIX_SIZE: Final = 12
 _PARTICIPANT_ENTITY_ID: Final = b"\x00\x00\x01\xc1"
 
+# The low six bits of a GUID's last octet tell a writer's kind (table 9.1): with a key, without one.
+_WRITER_KINDS: Final = (0x02, 0x03)
+
 # The first two octets of a GUID are the vendor id of the DDS implementation.
 FAST_DDS: Final = b"\x01\x0f"
 CYCLONE_DDS: Final = b"\x01\x10"
@@ -16,3 +19,8 @@ CYCLONE_DDS: Final = b"\x01\x10"
 def participant_of(guid: bytes) -> bytes:
     """Return the GUID of the participant that an endpoint belongs to."""
     return guid[:_PREFIX_SIZE] + _PARTICIPANT_ENTITY_ID
+
+
+def is_writer(guid: bytes) -> bool:
+    """Return whether a GUID is one of a writer; else it is one of a reader or participant."""
+    return guid[-1] & 0x3F in _WRITER_KINDS

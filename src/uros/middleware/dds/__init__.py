@@ -15,7 +15,6 @@
 ``discovery``               The participants, nodes and endpoints of a domain.
 ``paced_discovery``         The same, with at most one change each second.
 ``late_writer_heartbeat``   Makes Fast DDS writers that Cyclone discovers late send a heartbeat.
-``suppressed_nodes``        Publishes empty discovery info for rclpy's participant in this process.
 ``type_conflict_detector``  Feeds ``type_conflicts`` from the builtin topics.
 ``domain``                  One domain: its participants, and what watches it for all of them.
 ``node``                    One ROS node.

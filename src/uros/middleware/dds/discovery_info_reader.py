@@ -73,29 +73,23 @@ class DiscoveryInfoReader:
         if listener is None:
             return
         listener.taken = True
-        latest: dict[bytes, bytes] = {}  # sample by participant
-        octets = 0
-        while octets < intake.TURN:
-            samples = cyclone.take(listener.entity, 1)
-            if not samples:
-                break
-            sample, info = samples[0]
-            writer = builtin.matched_writer(listener.entity, info.publication_handle)
-            counts, cost = self.intake.cost(writer and writer[0], sample)
-            if counts:
-                latest[codec.subject_of(sample)] = sample
-            octets += cost
-        else:
-            self._context.dispatcher.requeue(listener)
-        for sample in latest.values():
-            self.intake.accept(sample)
         now = time.monotonic()
-        pause = self.intake.charge(octets, now)
-        if pause is not None:
+        turn = self.intake.read(lambda: self._take(listener.entity), now)
+        if turn.has_more:
+            self._context.dispatcher.requeue(listener)
+        if turn.pause is not None:
             self._delete()
-            self.due = now + pause
-        if latest:
+            self.due = now + turn.pause
+        if turn.is_changed:
             self._on_change()
+
+    def _take(self, entity: int) -> tuple[bytes | None, bytes] | None:
+        samples = cyclone.take(entity, 1)
+        if not samples:
+            return None
+        sample, info = samples[0]
+        writer = builtin.matched_writer(entity, info.publication_handle)
+        return writer and writer[0], sample
 
     def tick(self, now: float) -> None:
         """Create the reader again: the token bucket has filled up."""

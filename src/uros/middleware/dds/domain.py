@@ -10,7 +10,6 @@ from .discovery import ParticipantDiscovery
 from .late_writer_heartbeat import LateWriterHeartbeats
 from .paced_discovery import PacedDiscovery
 from .participant import MAX_NODES, SharedParticipant
-from .suppressed_nodes import SuppressedNodes
 from .type_conflict_detector import TypeConflictDetector
 
 
@@ -34,7 +33,6 @@ class DdsDomain:
         self._gid_size = GidSizeSelector(number, gid_size, self._on_gid_size, context.notice)
         self._peers: ParticipantDiscovery | None = None
         self._late_writers: LateWriterHeartbeats | None = None
-        self._suppressed: SuppressedNodes | None = None
 
     def participant(self) -> SharedParticipant:
         """Return a participant with room for one more node."""
@@ -65,14 +63,6 @@ class DdsDomain:
         """Watch for writers that need a probe reader, from before the first reliable reader on."""
         if self._late_writers is None:
             self._late_writers = LateWriterHeartbeats(self._context, participant)
-
-    def suppress_nodes_of(self, guids: set[bytes]) -> None:
-        """Announce that participants of this process that are not ours have no nodes."""
-        if guids and self._suppressed is None:
-            self._suppressed = SuppressedNodes(self._context, self._first_participant())
-        for guid in guids:
-            assert self._suppressed is not None
-            self._suppressed.add(guid)
 
     def _on_peers(self) -> None:
         if self._peers is not None:

@@ -3,7 +3,7 @@
 Anybody on the network may write to ``ros_discovery_info``, and each sample is parsed in the data
 plane's thread. So a sample counts only for the participant whose writer sent it, samples have a
 size limit, and so has all that is kept. Octets are charged against a token bucket. Once that is
-empty, :meth:`Intake.charge` returns for how long the reader is to be deleted, with every sample
+empty, :class:`Turn` says for how long the reader is to be deleted, with every sample
 that waits in it. If it were kept, its history would grow; if it had a small history, it would lose
 other writers' samples. A new reader gets the last sample of each writer again, because the topic is
 transient local.
@@ -12,7 +12,7 @@ transient local.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Final
+from typing import Final, NamedTuple
 
 from ...token_bucket import TokenBucket
 from ..guid import participant_of
@@ -39,6 +39,20 @@ _LEAST: Final = 256
 # The shortest time for which the reader is deleted, in seconds: deleting and creating one takes a
 # millisecond, and sends packets to all peers.
 _PAUSE: Final = 1.0
+
+
+class Turn(NamedTuple):
+    """What one call of :meth:`Intake.read` did.
+
+    Attributes:
+        is_changed: Whether the nodes may have changed.
+        has_more: Whether samples may be left for another turn.
+        pause: The seconds for which the reader is to be deleted; None while there are tokens.
+    """
+
+    is_changed: bool
+    has_more: bool
+    pause: float | None
 
 
 def _fingerprint(sample: bytes) -> tuple[int, int]:
@@ -69,7 +83,32 @@ class Intake:
         self._size = 0  # octets of these samples
         self._tokens = TokenBucket(BURST, RATE)
 
-    def cost(self, writer: bytes | None, sample: bytes) -> tuple[bool, int]:
+    def read(self, take: Callable[[], tuple[bytes | None, bytes] | None], now: float) -> Turn:
+        """Read samples until there are no more, or as many octets as a turn may parse.
+
+        Args:
+            take: Takes a sample from the reader, with the GUID of the writer that sent it (None if
+                that has left already); None if there is no sample.
+            now: Seconds of a monotonic clock.
+        """
+        latest: dict[bytes, bytes] = {}  # sample by participant
+        octets = 0
+        has_more = True
+        while octets < TURN:
+            taken = take()
+            if taken is None:
+                has_more = False
+                break
+            writer, sample = taken
+            counts, cost = self._cost(writer, sample)
+            if counts:
+                latest[subject_of(sample)] = sample
+            octets += cost
+        for sample in latest.values():
+            self._accept(sample)
+        return Turn(bool(latest), has_more, self._charge(octets, now))
+
+    def _cost(self, writer: bytes | None, sample: bytes) -> tuple[bool, int]:
         """Return whether a sample counts, and the octets it is charged.
 
         Args:
@@ -83,7 +122,7 @@ class Intake:
             cost = len(sample)
         return counts, max(_LEAST, cost)
 
-    def accept(self, sample: bytes) -> None:
+    def _accept(self, sample: bytes) -> None:
         """Parse a sample that counts, and keep its nodes if the limits allow."""
         guid, size, fingerprint = subject_of(sample), len(sample), _fingerprint(sample)
         if self._kept.get(guid) == fingerprint:
@@ -109,11 +148,11 @@ class Intake:
         self.gid_sizes.pop(guid, None)
         self._size -= self._kept.pop(guid, (0, 0))[0]
 
-    def charge(self, octets: int, now: float) -> float | None:
+    def _charge(self, octets: int, now: float) -> float | None:
         """Take octets from the token bucket.
 
         Args:
-            octets: As :meth:`cost` returned them.
+            octets: As :meth:`_cost` returned them.
             now: Seconds of a monotonic clock.
 
         Returns:

@@ -4,15 +4,14 @@ It needs rclpy and the packages of the types it carries, and speaks what this ma
 That is what ``dds`` cannot do for services: rmw_fastrtps puts the identity of requests and replies
 into RTPS inline QoS, which Cyclone cannot write.
 
-===============  ============================================================================
-``types``        Finds the Python classes of ROS types by name.
-``profiles``     Converts QoS profiles to rclpy's.
-``rcl``          Calls rclpy below its Node class, and raises its errors as MiddlewareErrors.
-``type_loader``  The thread that imports rclpy and types while boards are served.
-``domain``       One rclpy context, and the thread that waits in its wait set.
-``endpoints``    Publishers, subscriptions, service clients and servers of one node.
-``middleware``   Implements the contract of :mod:`uros.middleware.base`.
-===============  ============================================================================
+==============  ============================================================================
+``types``       Finds the Python classes of ROS types by name.
+``profiles``    Converts QoS profiles to rclpy's.
+``rcl``         Calls rclpy below its Node class, and raises its errors as MiddlewareErrors.
+``domain``      One rclpy context, and the thread that waits in its wait set.
+``endpoints``   Publishers, subscriptions, service clients and servers of one node.
+``middleware``  Implements the contract of :mod:`uros.middleware.base`.
+==============  ============================================================================
 
 rclpy's own ``Node`` would add a publisher of parameter events and parameters to each board; the
 nodes here have what the board has and nothing else.

@@ -157,10 +157,6 @@ class RosDomain:
 
     # --- the data plane's part ----------------------------------------------------
 
-    def has_work(self) -> bool:
-        """Return whether :meth:`dispatch` has work."""
-        return bool(self._ready) or self._failure is not None
-
     def dispatch(self) -> Exception | None:
         """Call ``on_ready`` of all entities that are ready.
 

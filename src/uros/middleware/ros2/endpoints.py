@@ -54,9 +54,6 @@ class OwningNode(Protocol):
     endpoints: dict[Any, None]
     handle: Any
 
-    def guids(self, topic: str, is_writer: bool) -> set[bytes]:
-        """Return the GUIDs of the node's endpoints of a topic (DDS name)."""
-
 
 class Ros2Writer(Writer):
     """A publisher of rclpy's."""
@@ -195,39 +192,20 @@ class Ros2Reader(_Taking, Reader):
 
 
 class _ServiceEndpoint(_Taking):
-    """A service client or server.
+    """A service client or server."""
 
-    ``readers`` and ``writers`` are its GUIDs, if the RMW is on DDS; ``on_close`` is called when
-    it is closed.
-    """
-
-    __slots__ = ("_name", "_type", "on_close", "readers", "writers")
+    __slots__ = ("_name", "_type")
 
     def __init__(
         self, node: OwningNode, service: Service, qos: QoSProfile, kind: str, on_ready: OnReady
     ) -> None:
         self._name = service_name(service)
         self._type = types.find_service(service_type(service))
-        self.on_close: Callable[[], None] | None = None
         profile = profiles.to_rclpy(qos)
         create = rcl.load().Client if kind == "client" else rcl.load().Service
-        topics = (service.reply_topic, False), (service.request_topic, True)
-        if kind == "service":
-            topics = (service.request_topic, False), (service.reply_topic, True)
-        before = [node.guids(*topic) for topic in topics]
         with rcl.refused(f"service {self._name}"), node.handle:
             entity = create(node.handle, self._type, self._name, profile)
-        self.readers, self.writers = (
-            sorted(node.guids(*topic) - old) for topic, old in zip(topics, before, strict=True)
-        )
         super().__init__(node, entity, kind, max(1, qos.depth), on_ready)
-
-    def close(self) -> None:
-        """Leave the service; idempotent."""
-        super().close()
-        if self.on_close is not None:
-            self.on_close()
-            self.on_close = None
 
 
 class Ros2Requester(_ServiceEndpoint, Requester):

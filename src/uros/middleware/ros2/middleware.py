@@ -29,7 +29,6 @@ class Ros2Node(Node):
         self.domain = domain
         self.endpoints: dict[Any, None] = {}
         self._middleware = middleware
-        self._namespace, self._name = namespace, name
         self.handle = rcl.create_node(domain.context, namespace, name)
         middleware.nodes[self] = None
 
@@ -53,10 +52,6 @@ class Ros2Node(Node):
         """Create a service's server."""
         return Ros2Replier(self, service, qos, on_ready)
 
-    def guids(self, topic: str, is_writer: bool) -> set[bytes]:
-        """Return the GUIDs of this node's endpoints of a topic (DDS name)."""
-        return rcl.guids(self.handle, topic, is_writer, self._namespace, self._name)
-
     def close(self) -> None:
         """Leave the graph with all endpoints; idempotent."""
         if self in self._middleware.nodes:
@@ -74,10 +69,6 @@ class Ros2Middleware(Middleware):
     Attributes:
         nodes: The nodes that are open.
 
-    Args:
-        wakeup: The descriptor to set when there is work, if it belongs to another middleware. Then
-            it is neither cleared nor closed here.
-
     Raises:
         ImportError: There is no rclpy.
         MiddlewareError: rclpy does not work here.
@@ -85,13 +76,12 @@ class Ros2Middleware(Middleware):
 
     name = "ros2"
 
-    def __init__(self, wakeup: WakeupFd | None = None) -> None:
+    def __init__(self) -> None:
         super().__init__()
         rcl.load()
         self.nodes: dict[Ros2Node, None] = {}
         self._domains: dict[int, RosDomain] = {}
-        self._owns_wakeup = wakeup is None
-        self._wakeup = wakeup or WakeupFd()
+        self._wakeup = WakeupFd()
         self._closed = False
 
     def create_node(
@@ -117,14 +107,9 @@ class Ros2Middleware(Middleware):
         """Return the descriptor that is readable when :meth:`dispatch` has work."""
         return self._wakeup.fileno()
 
-    def has_work(self) -> bool:
-        """Return whether :meth:`dispatch` has work."""
-        return any(domain.has_work() for domain in self._domains.values())
-
     def dispatch(self) -> None:
         """Call ``on_ready`` of each reader that received something."""
-        if self._owns_wakeup:
-            self._wakeup.clear()
+        self._wakeup.clear()
         failed: Exception | None = None
         for domain in self._domains.values():
             failed = domain.dispatch() or failed
@@ -140,5 +125,4 @@ class Ros2Middleware(Middleware):
             node.close()
         for domain in self._domains.values():
             domain.close()
-        if self._owns_wakeup:
-            self._wakeup.close()
+        self._wakeup.close()

@@ -7,31 +7,20 @@ one argument of Node's. An entity that is in a wait set, or inside a call, must 
 
 from __future__ import annotations
 
-import ctypes
 import os
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-from importlib import import_module
+from contextlib import contextmanager
 from importlib.util import find_spec
-from pathlib import Path
 from typing import Any, Final
 
 from ...qos import QoSProfile
 from ..base import Bytes, MiddlewareError
-from ..guid import GUID_SIZE
 from . import profiles
 
 _CORE: Final = "rclpy.impl.implementation_singleton"
-# What the other modules of this package import.
-_ALL: Final = (_CORE, "rclpy.context", "rclpy.qos", "rclpy.duration", "rclpy.serialization")
-_LIBRARY: Final = "_rclpy_pybind11*.so"
 _CHOICES: Final = ("RMW_IMPLEMENTATION", "RCL_ASSERT_RMW_ID_MATCHES")
 _REMEDY: Final = "install that RMW (ros-<distro>-rmw-…), or unset RMW_IMPLEMENTATION"
-_ON_DDS: Final = (
-    "rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp", "rmw_cyclonedds_cpp", "rmw_connextdds",
-    "rmw_gurumdds_cpp",
-)  # fmt: skip
 _WRONG_RMW: Final = 102  # rcl's exit status
 _PATIENCE: Final = 20.0
 
@@ -45,10 +34,6 @@ def load() -> Any:
     """
     if _CORE not in sys.modules:
         _try_elsewhere()
-    return _load()
-
-
-def _load() -> Any:
     try:
         from rclpy.impl.implementation_singleton import rclpy_implementation
 
@@ -58,41 +43,6 @@ def _load() -> Any:
     except Exception as error:
         raise MiddlewareError(f"rclpy does not start ({_line(error)}): {_REMEDY}") from error
     return rclpy_implementation
-
-
-def prepare(package: str, kind: str, name: str) -> None:
-    """Do what :func:`load` does, and import what services of a type need, from a thread.
-
-    Another process imports it first. That brings it into memory before this process reads it with
-    the GIL held, and a fault for which rcl ends the process ends that one.
-
-    Raises:
-        ImportError: There is no rclpy.
-        MiddlewareError: rclpy does not work here.
-    """
-    support = f"import {package}.{kind} as k; type(k.{name}).__import_type_support__()"
-    if _CORE not in sys.modules and find_spec("rclpy") is not None:
-        _elsewhere(f"import {', '.join(_ALL)}; {support}")
-        _map()
-    _load()
-    for module in _ALL:
-        import_module(module)
-
-
-def _map() -> None:
-    """Have the system load rclpy's library.
-
-    An import would hold the GIL meanwhile, for 40 ms and more; a call by ctypes does not, and
-    leaves the import little to do.
-    """
-    spec = find_spec("rclpy")
-    folders = spec.submodule_search_locations if spec is not None else None
-    for folder in folders or ():
-        for path in Path(folder).glob(_LIBRARY):
-            with suppress(OSError, AttributeError, TypeError):  # then the import loads everything
-                dlopen = ctypes.CDLL(None).dlopen
-                dlopen.argtypes, dlopen.restype = (ctypes.c_char_p, ctypes.c_int), ctypes.c_void_p
-                dlopen(os.fsencode(path), sys.getdlopenflags())
 
 
 def _try_elsewhere() -> None:
@@ -195,24 +145,3 @@ def as_bytes(message: Any) -> bytes:
 
     sample: bytes = serialize_message(message)
     return sample
-
-
-def guids(node: Any, topic: str, is_writer: bool, namespace: str, name: str) -> set[bytes]:
-    """Return the GUIDs of a node's endpoints of a topic (DDS name), as DDS knows them.
-
-    Empty if the RMW is not on DDS, such as rmw_zenoh, because DDS does not know its Gids.
-    """
-    implementation = load()
-    if implementation.rclpy_get_rmw_implementation_identifier() not in _ON_DDS:
-        return set()
-    ask = (
-        implementation.rclpy_get_publishers_info_by_topic
-        if is_writer
-        else implementation.rclpy_get_subscriptions_info_by_topic
-    )
-    with refused(f"listing the endpoints of {topic}"), node:
-        return {
-            bytes(info["endpoint_gid"][:GUID_SIZE])
-            for info in ask(node, topic, True)
-            if (info["node_name"], info["node_namespace"]) == (name, namespace)
-        }

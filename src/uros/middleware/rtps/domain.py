@@ -12,12 +12,12 @@ from typing import Final, Protocol
 from ...qos import QoSProfile
 from .. import user_data
 from ..discovery_info import codec
-from ..discovery_info.gid_size import GidSizeSelector
-from ..discovery_info.intake import MAX_UNREAD, TURN, Intake
+from ..discovery_info.gid_size import configured_gid_size
 from ..environment import discovery_range
 from ..qos_matching import Mismatch
 from ..type_conflicts import TypeConflicts
 from . import ids
+from .discovery_info import RtpsDiscoveryInfo
 from .endpoints import RtpsReader, RtpsWriter
 from .local import LocalReader, LocalWriter
 from .locators import Locator
@@ -27,9 +27,6 @@ from .reader import Sample
 from .reassembly import OctetBudget
 from .udp import DomainSockets
 
-# A board creates its entities within a few milliseconds: one message for all. Seconds.
-_SETTLE: Final = 0.02
-_INTERVAL: Final = 0.1
 # A sample of megabytes must not keep the data plane from the boards, nor overflow the receiver's
 # buffer, which has 208 kB on Linux: octets that are sent to one place at once, and the pause after
 # that, in seconds.
@@ -65,8 +62,7 @@ class RtpsDomain:
     Attributes:
         number: The domain.
         participant: Our participant.
-        nodes: Our nodes; after a change call :meth:`changed`.
-        intake: The nodes of other participants.
+        info: Its ``ros_discovery_info``; None if another participant announces our nodes.
         watchers: Called after changes of the graph.
         service_ids: Numbers for the ids of service clients and servers.
 
@@ -74,7 +70,7 @@ class RtpsDomain:
         context: The middleware.
         number: The domain.
         environment: The environment variables.
-        gid_size: Octets of a Gid that ROS_DISTRO asks for, or None.
+        announces_nodes: Whether nodes are announced and those of others are read.
 
     Raises:
         MiddlewareError: The domain cannot be joined.
@@ -85,11 +81,10 @@ class RtpsDomain:
         context: DomainContext,
         number: int,
         environment: Mapping[str, str],
-        gid_size: int | None,
+        announces_nodes: bool,
     ) -> None:
         self.number = number
-        self.nodes: list[codec.NodeEntities] = []
-        self.intake = Intake(number, context.notice)
+        self.info: RtpsDiscoveryInfo | None = None
         self.watchers: list[Callable[[], None]] = []
         self.service_ids = itertools.count(1)
         self._context = context
@@ -100,9 +95,6 @@ class RtpsDomain:
         self._backlog: dict[Locator, deque[bytes]] = {}
         self._backlog_octets = OctetBudget(_MAX_BACKLOG_OCTETS)
         self._backlog_at: float | None = None
-        self._info_at: float | None = None
-        self._info_sent = 0.0
-        self._gid_size = GidSizeSelector(number, gid_size, self._on_gid_size, context.notice)
         self._conflicts = TypeConflicts(self._on_type_conflict)
         peers = [peer for peer in environment.get("ROS_STATIC_PEERS", "").split(";") if peer]
         self._sockets = DomainSockets(number, discovery_range(environment), peers)
@@ -114,9 +106,11 @@ class RtpsDomain:
         self.participant.on_participant = self._on_participant
         self.participant.on_endpoint = self._on_endpoint
         self.participant.on_mismatch = self._on_mismatch
-        self._info_writer = RtpsWriter(self, codec.TOPIC, codec.TYPE, codec.qos())
-        self._info_again_at: float | None = None  # when discovery info is read again
-        self._info_reader: RtpsReader | None = self._create_info_reader()
+        if announces_nodes:
+            self.info = RtpsDiscoveryInfo(
+                self, self.participant.guid, number, configured_gid_size(environment),
+                context.notice, self._changed_nodes,
+            )  # fmt: skip
 
     # --- what endpoints use (see endpoints.EndpointOwner) --------------------------------------
 
@@ -187,69 +181,12 @@ class RtpsDomain:
             if endpoint in writer.readers:
                 writer.readers.remove(endpoint)
 
-    # --- nodes -----------------------------------------------------------------------------
-
-    def changed(self) -> None:
-        """Schedule discovery info: nodes or endpoints were created or closed."""
-        if self._info_at is None:
-            self._info_at = max(time.monotonic() + _SETTLE, self._info_sent + _INTERVAL)
-        self._changed_graph()
-
-    def _write_info(self) -> None:
-        sample = codec.encode(self.participant.guid, self.nodes, self._gid_size.size)
-        self._info_sent = time.monotonic()
-        self._info_at = None if self._info_writer.write(sample) else self._info_sent + _INTERVAL
-
-    def _on_gid_size(self, size: int) -> None:
-        self.changed()
-
     # --- discovery -------------------------------------------------------------------------
 
-    def _create_info_reader(self) -> RtpsReader:
-        qos = codec.qos()
-        # The topic has no key: with a depth of 1 participants would displace each other's samples.
-        qos.depth = MAX_UNREAD
-        return RtpsReader(self, codec.TOPIC, codec.TYPE, qos, self._on_info)
-
-    def _on_info(self) -> None:
-        """Read discovery info within the limits of the intake."""
-        reader = self._info_reader
-        if reader is None:
-            return
-        latest: dict[bytes, bytes] = {}  # sample by participant
-        octets = 0
-        while octets < TURN:
-            samples = reader.take_samples(1)
-            if not samples:
-                break
-            (received,) = samples
-            sample = received.payload or b""
-            if received.writer == self._info_writer.guid:
-                continue
-            counts, cost = self.intake.cost(received.writer, sample)
-            if counts:
-                latest[codec.subject_of(sample)] = sample
-            octets += cost
-        else:
-            reader.again()
-        for sample in latest.values():
-            self.intake.accept(sample)
-        now = time.monotonic()
-        pause = self.intake.charge(octets, now)
-        if pause is not None:
-            self._info_reader = None
-            self._info_again_at = now + pause
-            reader.close()
-        if latest:
-            self._update_gid_size()
-            self._changed_graph()
-
     def _on_participant(self, data: ParticipantData, is_there: bool) -> None:
-        if is_there:
-            self._update_gid_size()
-        else:
-            self.intake.forget(data.guid)
-        self._changed_graph()
+        if self.info is not None and not is_there:
+            self.info.intake.forget(data.guid)
+        self._changed_nodes()
 
     def _on_endpoint(self, data: EndpointData, is_there: bool) -> None:
         if is_there:
@@ -258,8 +195,10 @@ class RtpsDomain:
             self._conflicts.remove(data.guid)
         self._changed_graph()
 
-    def _update_gid_size(self) -> None:
-        self._gid_size.update(self.participants(), self.intake.gid_sizes)
+    def _changed_nodes(self) -> None:
+        if self.info is not None:
+            self.info.update_participants(self.participants())
+        self._changed_graph()
 
     def participants(self) -> dict[bytes, bytes]:
         """Return USER_DATA of the participants, ours included, by GUID."""
@@ -327,20 +266,16 @@ class RtpsDomain:
 
     def next_deadline(self) -> float | None:
         """Return when :meth:`tick` has work."""
-        deadlines = [
-            self.participant.next_deadline(), self._info_at, self._info_again_at,
-            self._backlog_at,
-        ]  # fmt: skip
+        deadlines = [self.participant.next_deadline(), self._backlog_at]
+        if self.info is not None:
+            deadlines.append(self.info.next_deadline())
         return min((at for at in deadlines if at is not None), default=None)
 
     def tick(self) -> None:
         """Do what is due by time."""
         now = time.monotonic()
-        if self._info_at is not None and self._info_at <= now:
-            self._write_info()
-        if self._info_again_at is not None and self._info_again_at <= now:
-            self._info_again_at = None
-            self._info_reader = self._create_info_reader()
+        if self.info is not None:
+            self.info.tick(now)
         self.participant.poll(now)
         self._send()
 

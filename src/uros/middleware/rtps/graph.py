@@ -54,7 +54,8 @@ class RtpsGraph:
     @property
     def announced(self) -> Mapping[bytes, Iterable[NodeEntities]]:
         """The nodes of each participant, by its GUID; it may not be discovered yet."""
-        return {**self._domain.intake.nodes, self._domain.participant.guid: self._domain.nodes}
+        info = self._domain.info
+        return {} if info is None else info.announced()
 
     def _changed(self) -> None:
         if self.due is None:

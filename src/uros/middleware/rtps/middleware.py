@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Final
 
 from ..base import Middleware, MiddlewareError, check_domain
-from ..discovery_info.gid_size import configured_gid_size
+from ..discovery_info.node_entry import NodeEntry
 from ..environment import discovery_range
 from ..wakeup_fd import WakeupFd
 from .domain import RtpsDomain
@@ -28,6 +28,10 @@ class RtpsMiddleware(Middleware):
     A domain is joined by its first node, and left with the middleware. There is no thread: the
     caller's selector wakes up for :meth:`fileno`, and calls :meth:`tick` in time.
 
+    Args:
+        announces_nodes: Whether it has nodes of its own. Otherwise it carries the services of nodes
+            that another middleware of this process announces.
+
     Raises:
         MiddlewareError: ROS_AUTOMATIC_DISCOVERY_RANGE has a value that does not exist, or this
             platform has neither epoll nor kqueue.
@@ -35,8 +39,9 @@ class RtpsMiddleware(Middleware):
 
     name = "rtps"
 
-    def __init__(self) -> None:
+    def __init__(self, announces_nodes: bool = True) -> None:
         super().__init__()
+        self._announces_nodes = announces_nodes
         self._environment = dict(os.environ)
         discovery_range(self._environment)  # a wrong value is reported at once
         self._domains: dict[int, RtpsDomain] = {}
@@ -59,6 +64,25 @@ class RtpsMiddleware(Middleware):
         Raises:
             MiddlewareError: The domain cannot be joined, or not on loopback alone.
         """
+        joined = self._join(domain, localhost_only)
+        assert joined.info is not None, "of a middleware that announces no nodes"
+        entry = NodeEntry(joined.info.nodes, joined.info.changed, namespace, name)
+        return RtpsNode(joined, entry)
+
+    def create_service_node(self, domain: int, entry: NodeEntry, localhost_only: bool) -> RtpsNode:
+        """Create what holds the service endpoints of a node that another participant announces.
+
+        Args:
+            domain: The domain.
+            entry: The node; the endpoints are listed there. It is closed with the result.
+            localhost_only: As in :meth:`create_node`.
+
+        Raises:
+            MiddlewareError: As in :meth:`create_node`.
+        """
+        return RtpsNode(self._join(domain, localhost_only), entry)
+
+    def _join(self, domain: int, localhost_only: bool) -> RtpsDomain:
         check_domain(domain)
         if localhost_only and discovery_range(self._environment) not in ("LOCALHOST", "OFF"):
             raise MiddlewareError(
@@ -66,7 +90,7 @@ class RtpsMiddleware(Middleware):
                 f" {domain} is open to the network: start the agent with"
                 " ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
             )
-        return RtpsNode(self._domain(domain), namespace, name)
+        return self._domain(domain)
 
     def _domain(self, number: int) -> RtpsDomain:
         domain = self._domains.get(number)
@@ -76,8 +100,7 @@ class RtpsMiddleware(Middleware):
                     f"domain {number} would be one more than the {MAX_DOMAINS} that this agent may"
                     " join: let it have an agent of its own"
                 )
-            gid_size = configured_gid_size(self._environment)
-            domain = RtpsDomain(self, number, self._environment, gid_size)
+            domain = RtpsDomain(self, number, self._environment, self._announces_nodes)
             self._domains[number] = domain
             for fileno in domain.filenos():
                 self._selector.register(fileno, selectors.EVENT_READ, domain.receive)

@@ -6,8 +6,8 @@ from functools import partial
 
 from ...qos import QoSProfile
 from .. import user_data
-from ..base import MiddlewareError, Node, OnReady, Service
-from ..discovery_info import codec
+from ..base import Node, OnReady, Service
+from ..discovery_info.node_entry import NodeEntry, check_writable
 from ..services.form import CLIENT_ID, SERVICE_ID, endpoint_id
 from .domain import RtpsDomain
 from .endpoints import RtpsReader, RtpsWriter
@@ -15,18 +15,21 @@ from .services import RtpsReplier, RtpsRequester
 
 
 class RtpsNode(Node):
-    """A node of the ROS graph; it shares its participant with the others of its domain."""
+    """A node of the ROS graph; it shares its participant with the others of its domain.
 
-    def __init__(self, domain: RtpsDomain, namespace: str, name: str) -> None:
+    Args:
+        domain: The domain.
+        entry: The node in the discovery info, of the domain's participant or of another one.
+    """
+
+    def __init__(self, domain: RtpsDomain, entry: NodeEntry) -> None:
         self._domain = domain
-        self._entities = codec.NodeEntities(namespace, name)
+        self._entry = entry
         self._endpoints: dict[RtpsWriter | RtpsReader, None] = {}
-        domain.nodes.append(self._entities)
-        domain.changed()
 
     def create_writer(self, topic: str, type_name: str, qos: QoSProfile) -> RtpsWriter:
         """Create a publisher's writer."""
-        _check_writable(topic)
+        check_writable(topic)
         writer = RtpsWriter(self._domain, topic, type_name, _announced(qos, type_name))
         self._register(writer)
         return writer
@@ -44,7 +47,7 @@ class RtpsNode(Node):
         self, service: Service, qos: QoSProfile, on_ready: OnReady
     ) -> RtpsRequester:
         """Create a service client."""
-        _check_writable(service.request_topic)
+        check_writable(service.request_topic)
         profile = _with_user_data(qos, CLIENT_ID + self._service_id())
         requester = RtpsRequester(self._domain, service, profile, on_ready)
         self._register(*requester.endpoints)
@@ -52,7 +55,7 @@ class RtpsNode(Node):
 
     def create_replier(self, service: Service, qos: QoSProfile, on_ready: OnReady) -> RtpsReplier:
         """Create a service's server."""
-        _check_writable(service.reply_topic)
+        check_writable(service.reply_topic)
         profile = _with_user_data(qos, SERVICE_ID + self._service_id())
         replier = RtpsReplier(self._domain, service, profile, on_ready)
         self._register(*replier.endpoints)
@@ -67,26 +70,18 @@ class RtpsNode(Node):
         """List endpoints in the discovery info until they are closed."""
         for endpoint in endpoints:
             self._endpoints[endpoint] = None
-            self._guids_like(endpoint).append(endpoint.guid)
+            self._entry.add(endpoint.guid)
             endpoint.on_close = partial(self._unregister, endpoint)
-        self._domain.changed()
 
     def _unregister(self, endpoint: RtpsWriter | RtpsReader) -> None:
         del self._endpoints[endpoint]
-        self._guids_like(endpoint).remove(endpoint.guid)
-        self._domain.changed()
-
-    def _guids_like(self, endpoint: RtpsWriter | RtpsReader) -> list[bytes]:
-        is_writer = isinstance(endpoint, RtpsWriter)
-        return self._entities.writers if is_writer else self._entities.readers
+        self._entry.remove(endpoint.guid)
 
     def close(self) -> None:
         """Leave the graph with all endpoints; idempotent."""
         for endpoint in list(self._endpoints):
             endpoint.close()
-        if self._entities in self._domain.nodes:
-            self._domain.nodes.remove(self._entities)
-            self._domain.changed()
+        self._entry.close()
 
 
 def _announced(qos: QoSProfile, type_name: str) -> QoSProfile:
@@ -97,14 +92,3 @@ def _announced(qos: QoSProfile, type_name: str) -> QoSProfile:
 def _with_user_data(qos: QoSProfile, more: bytes) -> QoSProfile:
     fields = {name: getattr(qos, name) for name in QoSProfile.__slots__}
     return QoSProfile(**dict(fields, user_data=qos.user_data + more))
-
-
-def _check_writable(topic: str) -> None:
-    """Raise MiddlewareError for a topic that nodes may not write to.
-
-    Attack: a board that writes what only middlewares write, such as nodes that do not exist.
-    """
-    if topic == codec.TOPIC:
-        raise MiddlewareError(f"nodes do not write on {topic}: it belongs to the middleware")
-    if topic.startswith("DCPS"):
-        raise MiddlewareError(f"nodes do not write on {topic}: it is a builtin topic of DDS")
