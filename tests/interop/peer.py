@@ -13,8 +13,10 @@ import time
 from importlib import import_module
 
 import rclpy
+from rclpy.duration import Duration
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message, serialize_message
 
 ASK_AGAIN = 0.02
@@ -30,11 +32,31 @@ def find_type(name):
     return getattr(import_module(f"{package}.{kind}"), plain)
 
 
-def profile(reliability="reliable", durability="volatile", depth=10):
+def profile(
+    reliability="reliable", durability="volatile", depth=10, liveliness="automatic", **durations
+):  # fmt: skip
+    """A profile; ``durations`` are those of QoSProfile, in milliseconds."""
     return QoSProfile(
         depth=depth,
         reliability=ReliabilityPolicy[reliability.upper()],
         durability=DurabilityPolicy[durability.upper()],
+        liveliness=LivelinessPolicy[liveliness.upper()],
+        **{name: Duration(nanoseconds=ms * 10**6) for name, ms in durations.items()},
+    )
+
+
+def events_of(topic):
+    """Callbacks that report QoS events of a subscription."""
+    return SubscriptionEventCallbacks(
+        liveliness=lambda info: say(
+            event="liveliness", topic=topic, alive=info.alive_count, not_alive=info.not_alive_count
+        ),
+        deadline=lambda info: say(event="deadline", topic=topic, total=info.total_count),
+        incompatible_qos=lambda info: say(
+            event="incompatible",
+            topic=topic,
+            policy=info.last_policy_kind.name.removeprefix("RMW_QOS_POLICY_"),
+        ),
     )
 
 
@@ -68,7 +90,7 @@ class Peer:
 
         if topic not in self.subscriptions:
             self.subscriptions[topic] = self.node.create_subscription(
-                cls, topic, arrived, profile(**qos)
+                cls, topic, arrived, profile(**qos), event_callbacks=events_of(topic)
             )
         return {}
 

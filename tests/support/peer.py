@@ -16,7 +16,8 @@ START_SECONDS = 30.0
 class RosPeer:
     """The process; a context manager.
 
-    ``messages`` has CDR samples by topic, ``times`` their arrival by rclpy's clock, in ns.
+    ``messages`` has CDR samples by topic, ``times`` their arrival by rclpy's clock, in ns, and
+    ``events`` what rclpy said of the QoS of subscriptions.
     """
 
     def __init__(self, python, domain, script=SCRIPT):
@@ -36,6 +37,7 @@ class RosPeer:
         self._number = 0
         self.messages = collections.defaultdict(collections.deque)
         self.times = collections.defaultdict(collections.deque)
+        self.events = collections.defaultdict(list)
 
     def _read(self):
         for line in self._process.stdout:
@@ -52,6 +54,8 @@ class RosPeer:
         if event.get("event") == "message":
             self.messages[event["topic"]].append(bytes.fromhex(event["cdr"]))
             self.times[event["topic"]].append(event["now"])
+        elif "event" in event and "topic" in event:
+            self.events[event.pop("topic")].append(event)
         return event
 
     def __enter__(self):
@@ -94,3 +98,20 @@ class RosPeer:
         while not self.messages[topic]:
             self._next(deadline, f"that anything came on {topic}")
         return self.messages[topic].popleft(), self.times[topic].popleft()
+
+    def event(self, topic, seconds=15.0):
+        """The next event of a subscription's QoS."""
+        deadline = time.monotonic() + seconds
+        while not self.events[topic]:
+            self._next(deadline, f"anything of the QoS of {topic}")
+        return self.events[topic].pop(0)
+
+    def listen(self, seconds):
+        """Receive what comes within this time."""
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline:
+            try:
+                self._next(deadline, "anything")
+            except AssertionError:
+                assert self._process.poll() is None
+                return
