@@ -137,32 +137,6 @@ def spinning(node):
 
 
 @contextmanager
-def agent_with_rclpy(ros_python, domain):
-    """Run an agent whose services use rclpy, and yield its port."""
-    process = subprocess.Popen(
-        [str(ros_python), "-m", "uros", "agent", "udp4", "-p", "0", "--domain", str(domain),
-         "--stop-at-eof"],
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-        env=environment(),
-    )  # fmt: skip
-    try:
-        for line in process.stdout:
-            if "running..." in line:
-                break
-        port = int(line.split()[-1])
-        reading = threading.Thread(target=process.stdout.read)
-        reading.start()
-        yield port
-        process.stdin.close()
-        assert process.wait(SECONDS) == 0
-        reading.join()
-    finally:
-        process.kill()
-        process.wait()
-        process.stdout.close()
-
-
-@contextmanager
 def rclpy_service(peer, name):
     peer.do("serve", name=name, type=TRIGGER)
     end = threading.Event()
@@ -307,41 +281,33 @@ def answer(text):
     return match.groups()
 
 
-def test_service_call_to_a_board_without_rclpy(uros, domain):
-    with running_agent("udp", "dds", domain) as agent:
+@pytest.mark.parametrize("middleware", ["dds", "auto", "rtps"])
+def test_service_call_to_a_board(uros, domain, middleware):
+    with running_agent("udp", middleware, domain) as agent:
         with trigger_board(agent.transport.port, domain):
             called = [answer(uros("service", "call", "/srv_trigger_py", TRIGGER)) for _ in "12"]
             assert called == [("True", "Response[0]"), ("False", "Response[1]")]
             assert answer(uros("service", "call", "srv_trigger_py"))[1] == "Response[2]"
 
 
-def test_service_call_to_a_board_whose_agent_has_rclpy(uros, ros_python, peer, domain):
-    with agent_with_rclpy(ros_python, domain) as port, trigger_board(port, domain):
-        # The form of rmw_fastrtps needs rclpy in the tool's own interpreter.
-        with_rclpy = uros("service", "call", "/srv_trigger_py", TRIGGER, python=ros_python)
-        assert answer(with_rclpy) == ("True", "Response[0]")
-        error = uros("service", "call", "/srv_trigger_py", TRIGGER, status=1)
-        assert "uses the form of rmw_fastrtps, which needs rclpy" in error
-        assert "source /opt/ros/<distro>/setup.bash" in error
-        called = peer.do("call", name="/srv_trigger_py", type=TRIGGER, cdr=EMPTY)
-        reply = from_cdr(load(TRIGGER).Response, bytes.fromhex(called["replies"][0]))
-        assert not reply.message.startswith(" ") and reply.message.startswith("Response[")
-
-
-def test_service_call_with_rclpy_to_a_board_of_the_other_form(uros, ros_python, domain):
-    """A tool with rclpy calls a board whose agent uses the form of rmw_cyclonedds."""
-    with running_agent("udp", "dds", domain) as agent:
+@pytest.mark.parametrize("middleware", ["auto", "rtps"])
+def test_service_call_by_rclpy_to_a_board(uros, ros_python, peer, domain, middleware):
+    with running_agent("udp", middleware, domain) as agent:
         with trigger_board(agent.transport.port, domain):
-            called = uros("service", "call", "/srv_trigger_py", TRIGGER, python=ros_python)
-            assert answer(called) == ("True", "Response[0]")
+            arguments = ("service", "call", "/srv_trigger_py", TRIGGER, "-m", "ros2")
+            assert answer(uros(*arguments, python=ros_python)) == ("True", "Response[0]")
+            called = peer.do("call", name="/srv_trigger_py", type=TRIGGER, cdr=EMPTY)
+            reply = from_cdr(load(TRIGGER).Response, bytes.fromhex(called["replies"][0]))
+            assert reply.message.startswith("Response[")
 
 
-def test_service_call_to_an_rclpy_service(uros, ros_python, peer):
-    with rclpy_service(peer, "/real/go"):
-        called = uros("service", "call", "/real/go", TRIGGER, python=ros_python)
+@pytest.mark.parametrize("middleware", ["auto", "rtps", "ros2"])
+def test_service_call_to_an_rclpy_service(uros, ros_python, peer, middleware):
+    python = ros_python if middleware == "ros2" else sys.executable
+    name = f"/real/go_{middleware}"
+    with rclpy_service(peer, name):
+        called = uros("service", "call", name, TRIGGER, "-m", middleware, python=python)
         assert answer(called) == ("True", "answer 1")
-        error = uros("service", "call", "/real/go", TRIGGER, status=1)
-        assert "/real/go uses the form of rmw_fastrtps" in error
 
 
 def test_service_call_with_values_and_with_a_rate(uros, domain):
@@ -398,14 +364,17 @@ def test_service_call_waits_for_a_service(domain):
 def test_service_call_to_a_server_that_does_not_answer_or_leaves(uros, domain):
     from uros import Node
 
+    def refuse(request, response):
+        raise RuntimeError("deaf")  # it is printed, and nothing is answered
+
     node = Node("deaf", domain_id=domain)
-    node.create_service(load(TRIGGER), "/deaf", lambda request, response: response)
-    error = uros("service", "call", "/deaf", TRIGGER, "--timeout", "0.5", status=1)
-    assert "/deaf did not answer within 0.5 s" in error
+    node.create_service(load(TRIGGER), "/deaf", refuse)
     deaf = ("service", "call", "/deaf", TRIGGER, "--domain", str(domain))
     with child(sys.executable, *deaf) as process:
-        assert process.stdout.readline().startswith("requester: making request")
-        node.destroy_node()
+        with spinning(node):
+            error = uros("service", "call", "/deaf", TRIGGER, "--timeout", "3", status=1)
+            assert "/deaf did not answer within 3 s" in error
+            assert process.stdout.readline().startswith("requester: making request")
         assert process.stderr.read() == ("uros: /deaf ended before it answered; call it again\n")
         assert process.wait(SECONDS) == 1
 
@@ -458,8 +427,8 @@ def test_the_talker_and_the_listener_with_rclpy(started, peer):
     assert heard == [("reader", "I heard: [from rclpy]")]
 
 
-def test_rclpy_calls_the_trigger_service(started, peer, ros_python):
-    with started("run", "trigger_service", python=ros_python) as service:
+def test_rclpy_calls_the_trigger_service(started, peer):
+    with started("run", "trigger_service") as service:
         called = peer.do("call", name="/srv_trigger_py", type=TRIGGER, cdr=EMPTY, times=3)
         replies = [
             from_cdr(load(TRIGGER).Response, bytes.fromhex(cdr)) for cdr in called["replies"]
@@ -472,17 +441,17 @@ def test_rclpy_calls_the_trigger_service(started, peer, ros_python):
         assert log_line(service) == ("trigger_service", "Response[0]")
 
 
-@pytest.mark.parametrize("with_rclpy", [False, True], ids=["dds", "rclpy"])
-def test_a_board_calls_the_trigger_service(started, domain, ros_python, with_rclpy):
-    """Agent and service run in the same Python environment, as a user would run them."""
+@pytest.mark.parametrize("agents", ["dds", "auto", "rtps"])
+@pytest.mark.parametrize("services", ["auto", "rtps"])
+def test_a_board_calls_the_trigger_service(started, domain, agents, services):
     import uros as package
 
-    python = ros_python if with_rclpy else sys.executable
     with (
-        started("run", "trigger_service", python=python),
-        agent_at(ros_python if with_rclpy else None, domain) as port,
+        started("run", "trigger_service", "-m", services),
+        running_agent("udp", agents, domain) as agent,
     ):
-        node = package.Node("board", UdpTransport("127.0.0.1", port), domain_id=domain)
+        transport = UdpTransport("127.0.0.1", agent.transport.port)
+        node = package.Node("board", transport, domain_id=domain)
         client = node.create_client(load(TRIGGER), "/srv_trigger_py")
         answers = []
 
@@ -498,17 +467,6 @@ def test_a_board_calls_the_trigger_service(started, domain, ros_python, with_rcl
     numbers = [int(answer.message[9:-1]) for answer in answers]
     assert numbers == list(range(numbers[0], numbers[0] + 3))
     assert [answer.success for answer in answers] == [n % 2 == 0 for n in numbers]
-
-
-@contextmanager
-def agent_at(ros_python, domain):
-    """Run an agent and yield its port; it uses rclpy if the interpreter with rclpy is given."""
-    if ros_python is not None:
-        with agent_with_rclpy(ros_python, domain) as port:
-            yield port
-    else:
-        with running_agent("udp", "dds", domain) as agent:
-            yield agent.transport.port
 
 
 # --- messages as text -----------------------------------------------------------------------

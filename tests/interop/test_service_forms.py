@@ -1,5 +1,5 @@
-"""Services in the form of rmw_cyclonedds beside real nodes with rmw_fastrtps: in neither direction
-is a request executed with wrong arguments, and the caller gets the reason."""
+"""Services of the dds middleware beside real nodes with rmw_fastrtps: in neither direction is a
+request executed with wrong arguments, and the caller gets the reason."""
 
 import re
 import select
@@ -16,6 +16,7 @@ from support.peer import RosPeer
 
 import uros
 from uros.client.action_client import ActionClient
+from uros.host.direct import Direct
 from uros.interfaces import load
 from uros.middleware.base import MiddlewareError, Service
 from uros.middleware.dds import cyclone, service_peers
@@ -128,7 +129,7 @@ def test_a_real_clients_request_does_not_reach_our_server(peer, middleware, node
 def test_a_hosts_call_fails_with_the_reason(peer, domain):
     """A call fails whether the server is discovered before the call or after it."""
     trigger = load(TRIGGER)
-    connection = uros.Node("caller", domain_id=domain)
+    connection = uros.Node("caller", Direct(DdsMiddleware(), domain))
     client = connection.create_client(trigger, "/failing")
     early = client.call_async(trigger.Request())
     assert not early.done()
@@ -179,7 +180,7 @@ def test_a_goal_for_a_real_action_server_fails_and_is_not_executed(ros_python, d
     fibonacci = load("test_msgs/action/Fibonacci")
     with RosPeer(ros_python, domain, Path(__file__).parent / "action_peer.py") as server:
         server.do("serve", name="/form/fibonacci")
-        node = uros.Node("goals", domain_id=domain)
+        node = uros.Node("goals", Direct(DdsMiddleware(), domain))
         client = ActionClient(node, fibonacci, "/form/fibonacci")
         futures = [client.send_goal_async(fibonacci.Goal(3))]
         deadline = time.monotonic() + SECONDS

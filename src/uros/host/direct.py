@@ -250,6 +250,11 @@ def _check_type(entity: Entity) -> None:
         )
 
 
+def _print_notice(text: str) -> None:
+    """Print a line about the network, which may hold text of others."""
+    print(printable(f"uros: {text}"), file=sys.stderr)
+
+
 class Direct(NodeConnection):
     """One or more nodes' connection to the network of ``middleware``, which it owns.
 
@@ -276,6 +281,7 @@ class Direct(NodeConnection):
         self._stalled = False  # whether the middleware could not send a reply, which is retried
         self._conflicts: set[tuple[str, str, str]] = set()
         middleware.on_type_conflict = self._type_conflict
+        middleware.on_notice = _print_notice
         atexit.register(self.close)
 
     # --- interface of nodes and entities -------------------------------------------------------
@@ -389,13 +395,10 @@ class Direct(NodeConnection):
         conflict = topic, own_type, type_name
         if conflict not in self._conflicts:
             self._conflicts.add(conflict)
-            print(
-                printable(
-                    f"uros: {topic[2:]} is {names.type_from_dds(own_type)} here, and"
-                    f" {names.type_from_dds(type_name)} elsewhere on the network: samples of one do"
-                    " not reach the other"
-                ),
-                file=sys.stderr,
+            _print_notice(
+                f"{topic[2:]} is {names.type_from_dds(own_type)} here, and"
+                f" {names.type_from_dds(type_name)} elsewhere on the network: samples of one do"
+                " not reach the other"
             )
 
     def close(self) -> None:

@@ -49,14 +49,11 @@ class Network:
 
     def __init__(self, domain: int) -> None:
         # Imported here, since importing this module must not load a DDS.
-        from ..middleware.base import MiddlewareError
-
-        opened = open_middleware("dds")
+        opened = open_middleware("auto")
+        from ..middleware.auto import AutoMiddleware
         from ..middleware.dds.discovery import GraphDiscovery
-        from ..middleware.dds.middleware import DdsMiddleware
 
-        if not isinstance(opened, DdsMiddleware):
-            raise MiddlewareError("the graph can be read on the dds middleware only")
+        assert isinstance(opened, AutoMiddleware)
         self.domain = domain
         self._middleware = opened
         self._interrupt = Interrupt()
@@ -64,7 +61,9 @@ class Network:
         try:
             self.node = opened.create_node(domain, "/", f"_uros_{os.getpid()}")
             self._changed_at = time.monotonic()
-            self._discovery = GraphDiscovery(opened.context, self.node.participant, self._on_change)
+            self._discovery = GraphDiscovery(
+                opened.dds.context, self.node.dds.participant, self._on_change
+            )
         except BaseException:
             opened.close()
             raise
@@ -106,7 +105,7 @@ class Network:
                 received = Received(cdr, info.source_timestamp, time.time_ns())
                 self._samples.append((deliver, received))
             if len(samples) == _BATCH:  # deliver these samples first
-                self._middleware.context.dispatcher.requeue(reader)
+                self._middleware.dds.context.dispatcher.requeue(reader)
 
         def deliver(received: Received) -> None:
             if not ended:

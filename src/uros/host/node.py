@@ -52,7 +52,7 @@ class Node(node.Node):
         opened: Direct | None = None
         if transport is None:
             domain = environment_domain() if domain_id is None else domain_id
-            transport = opened = Direct(open_middleware("dds"), domain)
+            transport = opened = Direct(open_middleware("auto"), domain)
         if domain_id is None:
             domain_id = transport.domain if isinstance(transport, Direct) else 0
         try:

@@ -21,7 +21,6 @@ from .base import (
     MiddlewareError,
     Node,
     OnReady,
-    Reader,
     Replier,
     Requester,
     Service,
@@ -30,13 +29,18 @@ from .base import (
 from .dds.middleware import DdsMiddleware
 
 if TYPE_CHECKING:
+    from .dds.endpoints import DdsReader
     from .graph import LiveSource
     from .rtps.middleware import RtpsMiddleware
     from .rtps.node import RtpsNode
 
 
 class AutoNode(Node):
-    """A node on dds, whose services are on rtps."""
+    """A node on dds, whose services are on rtps.
+
+    Attributes:
+        dds: The node on dds.
+    """
 
     def __init__(
         self,
@@ -58,7 +62,7 @@ class AutoNode(Node):
 
     def create_reader(
         self, topic: str, type_name: str, qos: QoSProfile, on_ready: OnReady
-    ) -> Reader:
+    ) -> DdsReader:
         """Create a subscription's reader on dds."""
         return self.dds.create_reader(topic, type_name, qos, on_ready)
 
@@ -128,9 +132,8 @@ class AutoMiddleware(Middleware):
                 self._rtps = RtpsMiddleware(announces_nodes=False)
             except MiddlewareError as error:
                 self.notice(
-                    "ROS 2 nodes with rmw_fastrtps see services of boards but get no answers, and"
-                    " calls of their services are refused (those with rmw_cyclonedds work):"
-                    f" {error}"
+                    "services work with nodes of rmw_cyclonedds only; those with rmw_fastrtps see"
+                    f" them but get no answers, and calls of theirs are refused: {error}"
                 )
             else:
                 self._configure(self._rtps)

@@ -114,6 +114,10 @@ class Requester(ABC):
         """
         return ""
 
+    def servers(self) -> int | None:
+        """Return how many servers match both endpoints; None if this middleware does not know."""
+        return None
+
     def again(self) -> None:  # noqa: B027  some middlewares call on_ready anyway
         """Have ``on_ready`` called again after those of others, because samples are left."""
 

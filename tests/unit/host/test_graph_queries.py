@@ -148,19 +148,3 @@ def test_endpoints_of_a_node(net, graph):
     assert info.service_clients == {"/ask": ["std_srvs/srv/Trigger"]}
     assert info.action_servers == {"/fib": ["ex/action/Fibonacci"]}
     assert info.action_clients == {"/nav": ["ex/action/Go"]}
-
-
-def test_a_service_of_a_hidden_node_too_belongs_to_the_visible_node(net, graph):
-    """As with an agent that uses rclpy, whichever participant was announced first."""
-    rclpy = net.participant()
-    request = net.endpoint(rclpy, "rq/openRequest", "std_srvs::srv::dds_::Empty_Request_", False)
-    reply = net.endpoint(rclpy, "rr/openReply", "std_srvs::srv::dds_::Empty_Response_", True)
-    own = net.participant(CYCLONE)
-    nodes = [Node("/", "gate", [request], [reply])], [Node("/", "_gate", [request], [reply])]
-    for first, second in ((own, rclpy), (rclpy, own)):
-        net.announced = {first: nodes[first == rclpy], second: nodes[second == rclpy]}
-        assert graph.nodes() == ["/gate"]
-        assert [server.node_name for server in graph.servers("/open")] == ["gate"]
-    hidden = [Node("/", "_alone", [request], [])]  # a hidden node with endpoints of its own
-    net.announced = {rclpy: hidden, own: [Node("/", "alone", [], [])]}
-    assert graph.nodes() == ["/_alone", "/alone"]

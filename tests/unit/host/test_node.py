@@ -189,7 +189,7 @@ def test_a_domain_that_is_no_number(monkeypatch, text):
 
 
 @pytest.mark.parametrize(("given", "domain"), [(None, 7), (0, 0), (9, 9)])
-def test_a_node_joins_by_dds_in_the_domain_given_or_the_environments(monkeypatch, given, domain):
+def test_a_node_joins_by_auto_in_the_domain_given_or_the_environments(monkeypatch, given, domain):
     monkeypatch.setenv("ROS_DOMAIN_ID", "7")
     opened = []
 
@@ -200,7 +200,7 @@ def test_a_node_joins_by_dds_in_the_domain_given_or_the_environments(monkeypatch
 
     monkeypatch.setattr("uros.host.node.open_middleware", open_middleware_stub)
     node = uros.Node("node", domain_id=given)
-    assert opened[1:] == ["dds"]
+    assert opened[1:] == ["auto"]
     assert [entry.domain for entry in opened[0].bus.nodes] == [node.domain_id] == [domain]
     node.destroy_node()
 

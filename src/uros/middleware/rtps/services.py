@@ -102,6 +102,13 @@ class RtpsRequester(Requester):
         """Its writer and its reader."""
         return self._writer, self._reader
 
+    def servers(self) -> int:
+        """Return how many servers match both endpoints."""
+        servers = self._writer.local.state.readers
+        answering = {guid[: ids.PREFIX_SIZE] for guid in self._reader.local.state.writers}
+        remote = sum(guid[: ids.PREFIX_SIZE] in answering for guid in servers)
+        return remote + len(self._writer.readers)
+
     def again(self) -> None:
         """Have ``on_ready`` called again, after others."""
         self._reader.again()

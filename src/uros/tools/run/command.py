@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, TextIO
 
 from ..common import domain
 from ..errors import ToolError, did_you_mean
-from ..waiting import warn
 
 if TYPE_CHECKING:
     from ...client.remap import Remap
@@ -25,20 +24,18 @@ class Program(NamedTuple):
         help: What it does.
         module: Its module below ``uros.tools.run``.
         node: Its class.
-        serves: Whether it offers a service, which nodes of rclpy should reach.
     """
 
     help: str
     module: str
     node: str
-    serves: bool = False
 
 
 PROGRAMS: Final = {
     "talker": Program("publishes Hello World on chatter, once a second", "talker", "Talker"),
     "listener": Program("prints what is said on chatter", "listener", "Listener"),
     "trigger_service": Program(
-        "serves srv_trigger_py (std_srvs/Trigger)", "trigger_service", "TriggerService", True
+        "serves srv_trigger_py (std_srvs/Trigger)", "trigger_service", "TriggerService"
     ),
 }
 
@@ -58,8 +55,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument("--ros-args", action="store_true", help=argparse.SUPPRESS)
     parser.add_argument(
-        "-m", "--middleware", choices=("auto", "dds", "ros2"),
-        help="middleware, as with 'uros agent' (default: dds; auto for services)",
+        "-m", "--middleware", choices=("auto", "dds", "rtps", "ros2"), default="auto",
+        help="middleware, as with 'uros agent' (default: auto)",
     )  # fmt: skip
 
 
@@ -81,9 +78,8 @@ def run(args: argparse.Namespace) -> int:
     remap = _remap(args.remap)
     make: Any = getattr(import_module(f"uros.tools.run.{program.module}"), program.node)
     options: dict[str, Any] = {"domain_id": args.domain, "remap": remap}
-    middleware = args.middleware or ("auto" if program.serves else "dds")
-    if middleware != "dds":
-        options["transport"] = on_ros2(args.domain, middleware)
+    if args.middleware != "auto":
+        options["transport"] = _connection(args.middleware, args.domain)
     lines = _Lines(sys.stdout)
     try:
         with contextlib.redirect_stdout(lines):
@@ -120,6 +116,15 @@ class _Lines(io.TextIOBase):
         return len(text)
 
 
+def _connection(middleware: str, domain: int | None) -> Direct:
+    """Return the ``transport`` of a host's node on a middleware; None: ROS_DOMAIN_ID's domain."""
+    from ...host.direct import Direct
+    from ...middleware import open_middleware
+    from ...middleware.environment import environment_domain
+
+    return Direct(open_middleware(middleware), environment_domain() if domain is None else domain)
+
+
 def _remap(rules: list[str]) -> Remap | None:
     from ...client.remap import Remap
 
@@ -127,19 +132,3 @@ def _remap(rules: list[str]) -> Remap | None:
         return Remap(*rules) if rules else None
     except ValueError as error:
         raise ToolError(f"--remap: {error}") from error
-
-
-def on_ros2(domain: int | None = None, middleware: str = "auto") -> Direct:
-    """Return the ``transport`` of a host's node whose services nodes of rclpy should reach.
-
-    Args:
-        domain: The ROS domain; None for ROS_DOMAIN_ID.
-        middleware: The middleware; with ``auto`` services use rclpy if it can be imported.
-    """
-    from ...host.direct import Direct
-    from ...middleware import open_middleware
-    from ...middleware.environment import environment_domain
-
-    opened = open_middleware(middleware)
-    opened.on_notice = lambda text: warn(text.replace("services of boards", "this node's services"))
-    return Direct(opened, environment_domain() if domain is None else domain)

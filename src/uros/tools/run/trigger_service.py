@@ -31,8 +31,6 @@ class TriggerService(uros.Node):
 
 
 if __name__ == "__main__":
-    from uros.tools.run.command import on_ros2
-
-    node = TriggerService(transport=on_ros2())
+    node = TriggerService()
     node.spin()
     node.destroy_node()

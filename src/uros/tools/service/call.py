@@ -1,8 +1,7 @@
 """``uros service call``: call a service.
 
-Requests have one of two forms on the wire. Boards on an agent without rclpy, nodes of uros and this
-command use that of rmw_cyclonedds; that of rmw_fastrtps, and any other, needs rclpy. A server of
-the first form announces it in discovery, so the form is chosen when the server is found.
+Requests go over RTPS, in the form that the server uses. ``-m dds`` and ``-m ros2`` show what
+Cyclone DDS and rclpy do.
 """
 
 from __future__ import annotations
@@ -29,11 +28,11 @@ if TYPE_CHECKING:
 
 # How long the discovery of a service takes at most, in seconds.
 _DISCOVERY: Final = 1.5
-# A server may discover us later than we discover it, and then misses the request.
+# Where the middleware does not know which servers match: a server may discover us later than we
+# discover it, and then misses the request.
 _SETTLE: Final = 0.15
 _POLL: Final = 0.01
 _PATIENCE: Final = 5.0
-_CYCLONE_FORM: Final = b"serviceid="
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -51,9 +50,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         " come (default: no limit)",
     )  # fmt: skip
     parser.add_argument(
-        "-m", "--middleware", choices=("auto", "dds", "ros2"), default="auto",
-        help="auto (default): what the server uses; dds: the form of rmw_cyclonedds, and of boards"
-        " on an agent without rclpy; ros2: rclpy, for rmw_fastrtps",
+        "-m", "--middleware", choices=("auto", "dds", "rtps", "ros2"), default="auto",
+        help="auto, rtps (default): RTPS in the form that the server uses; dds: Cyclone DDS, for"
+        " servers with rmw_cyclonedds; ros2: rclpy",
     )  # fmt: skip
 
 
@@ -86,7 +85,7 @@ def run(args: argparse.Namespace) -> int:
             raise ToolError(f"{args.service} is {' and '.join(there)}, not {wanted}")
         filled = filled or Filled(kind.Request, text)
         filled.stamp(time.time_ns())
-        client = _open(network, args, kind, servers)
+        client = _open(network, args, kind)
         try:
             _call(client, args, kind.Response, filled)
         finally:
@@ -154,26 +153,27 @@ class _Client:
             self.middleware.close()
 
 
-def _open(
-    network: Network, args: argparse.Namespace, kind: Any, servers: list[EndpointInfo]
-) -> _Client:
+def _open(network: Network, args: argparse.Namespace, kind: Any) -> _Client:
+    """Create the client, and wait until the server has matched it."""
     from ...middleware.base import Service
     from ...qos import services_profile
 
-    form = args.middleware
-    if form == "auto":
-        ours = any(_CYCLONE_FORM in server.qos.user_data for server in servers)
-        form = "dds" if ours else "ros2"
     service = Service(
         f"rq{args.service}Request", kind.Request._DDS_TYPE,
         f"rr{args.service}Reply", kind.Response._DDS_TYPE,
     )  # fmt: skip
     client = _Client(network, args.service)
-    if form == "dds":
-        client.requester = network.node.create_requester(service, services_profile(), _nothing)
-        client.wait(lambda: False, _SETTLE)
-    else:
+    if args.middleware == "ros2":
         _open_ros2(client, network, args, service)
+        return client
+    node = network.node.dds if args.middleware == "dds" else network.node
+    client.requester = requester = node.create_requester(service, services_profile(), _nothing)
+    if requester.servers() is None:
+        client.wait(lambda: False, _SETTLE)
+    elif not client.wait(lambda: bool(requester.servers()), args.timeout):
+        raise ToolError(
+            f"a server of {args.service} was found, but did not match within {args.timeout:g} s"
+        )
     return client
 
 
@@ -190,11 +190,7 @@ def _open_ros2(
         requester: Any = node.create_requester(service, services_profile(), _nothing)
     except MiddlewareError as error:
         client.close()
-        if args.middleware == "ros2":
-            raise ToolError(f"-m ros2 needs rclpy: {error}") from error
-        raise ToolError(
-            f"{args.service} uses the form of rmw_fastrtps, which needs rclpy: {error}"
-        ) from error
+        raise ToolError(f"-m ros2 needs rclpy: {error}") from error
     client.requester = requester
     if not client.wait(requester.entity.service_server_is_available, args.timeout):
         raise ToolError(f"rclpy did not find {args.service} within {args.timeout:g} s")
