@@ -4,6 +4,7 @@ import time
 
 import rclpy
 from peer import Peer, find_type
+from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message, serialize_message
 
 ASK_AGAIN = 3.0
@@ -16,6 +17,7 @@ class ServicePeer(Peer):
         self.servers = {}
         self.counted = {}  # the requests that each service of do_count has received
         self.answered = set()  # services that have answered
+        self.added = {}  # the first summand of each request to a service of do_add
 
     def do_serve(self, name, type, late=0.0, text="answer {}", first=1, seconds=15):
         """Serve a Trigger that answers with a rising number, each time after ``late`` seconds.
@@ -56,6 +58,49 @@ class ServicePeer(Peer):
         (at least one) or the time is up."""
         self.wait(seconds, lambda: len(self.counted[name]) >= max(1, least))
         return {"requests": self.counted[name]}
+
+    def do_add(self, name, type, depth=10, seconds=15):
+        """Serve a BasicTypes whose response has the sum of two numbers, and the request's text."""
+        added = self.added[name] = []
+
+        def add(request, response):
+            added.append(request.int64_value)
+            response.int64_value = request.int64_value + request.int32_value
+            response.string_value = request.string_value
+            return response
+
+        self.servers[name] = self.node.create_service(
+            find_type(type), name, add, qos_profile=QoSProfile(depth=depth)
+        )
+        return {}
+
+    def do_added(self, name, seconds=15):
+        """Return the first summands of all requests so far, and forget them."""
+        added = list(self.added[name])
+        self.added[name].clear()
+        return {"added": added}
+
+    def do_call_at_once(self, name, type, cdr, depth=10, seconds=15):
+        """Send requests, given as CDR, without waiting in between; return the responses in the
+        order of the requests, None for those that have not come. An answer must have come before.
+        """
+        cls = find_type(type)
+        if (name, depth) not in self.clients:
+            self.clients[name, depth] = self.node.create_client(
+                cls, name, qos_profile=QoSProfile(depth=depth)
+            )
+        client = self.clients[name, depth]
+        if not self.wait(seconds, client.service_is_ready):
+            return {"replies": None}
+        requests = [deserialize_message(bytes.fromhex(one), cls.Request) for one in cdr]
+        futures = [client.call_async(request) for request in requests]
+        self.wait(seconds, lambda: all(future.done() for future in futures))
+        return {
+            "replies": [
+                bytes(serialize_message(future.result())).hex() if future.done() else None
+                for future in futures
+            ]
+        }
 
     def do_call(self, name, type, cdr, times=1, seconds=15):
         """Wait for a service, call it ``times`` times; return replies and their round trip times.

@@ -48,7 +48,7 @@ def peer(ros_python, domain):
 class ActionBoard:
     """A board, and ``uros agent`` on its serial line."""
 
-    def __init__(self, engine, folder, domain):
+    def __init__(self, engine, folder, domain, middleware="auto"):
         self.name = engine
         self.action = f"/{engine}/fibonacci"
         self.peer_action = f"/real/{engine}"  # the action that the board's client uses
@@ -60,7 +60,7 @@ class ActionBoard:
             form="mpy" if engine == "micropython" else "py",
         )  # fmt: skip
         self._command = [
-            sys.executable, "-m", "uros", "agent", "serial", "-m", "auto", "--domain",
+            sys.executable, "-m", "uros", "agent", "serial", "-m", middleware, "--domain",
             str(domain), "--stop-at-eof",
         ]  # fmt: skip
         self._log = folder / "agent.log"
@@ -213,7 +213,11 @@ class Remote:
 
 @pytest.fixture(scope="module")
 def remote(board, peer):
-    """A real action server, whose feedback the board's client has received once.
+    return remote_of(board, peer)
+
+
+def remote_of(board, peer):
+    """Return a Remote with a real server, whose feedback the board's client has received once.
 
     An XRCE client is not told whether a server is matched, and goals that are sent before are lost.
     """

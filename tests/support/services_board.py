@@ -52,12 +52,12 @@ def running_board(folder, engine, name):
 
 
 @contextmanager
-def board_and_peer(python, folder, engine, domain):
+def board_and_peer(python, folder, engine, domain, middleware="auto"):
     """Run board, agent and peer: (the node's full name, the RosPeer of board_peer.py)."""
     name = f"{engine}_camera"
     with (
         RosPeer(python, domain, SCRIPT) as peer,
         running_board(folder, engine, name) as board,
-        agent_process(board.path, domain),
+        agent_process(board.path, domain, middleware),
     ):
         yield f"/{name}/{name}", peer

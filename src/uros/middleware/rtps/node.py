@@ -11,7 +11,7 @@ from ..discovery_info.node_entry import NodeEntry, check_writable
 from ..services.form import CLIENT_ID, SERVICE_ID, endpoint_id
 from .domain import RtpsDomain
 from .endpoints import RtpsReader, RtpsWriter
-from .services import RtpsReplier, RtpsRequester
+from .services import MIN_DEPTH, RtpsReplier, RtpsRequester
 
 
 class RtpsNode(Node):
@@ -48,7 +48,7 @@ class RtpsNode(Node):
     ) -> RtpsRequester:
         """Create a service client."""
         check_writable(service.request_topic)
-        profile = _with_user_data(qos, CLIENT_ID + self._service_id())
+        profile = self._service_profile(qos, CLIENT_ID)
         requester = RtpsRequester(self._domain, service, profile, on_ready)
         self._register(*requester.endpoints)
         return requester
@@ -56,15 +56,18 @@ class RtpsNode(Node):
     def create_replier(self, service: Service, qos: QoSProfile, on_ready: OnReady) -> RtpsReplier:
         """Create a service's server."""
         check_writable(service.reply_topic)
-        profile = _with_user_data(qos, SERVICE_ID + self._service_id())
+        profile = self._service_profile(qos, SERVICE_ID)
         replier = RtpsReplier(self._domain, service, profile, on_ready)
         self._register(*replier.endpoints)
         return replier
 
-    def _service_id(self) -> bytes:
-        """A new id for a service client or server, as rmw_cyclonedds writes it."""
+    def _service_profile(self, qos: QoSProfile, key: bytes) -> QoSProfile:
+        """A copy of a profile with an id as rmw_cyclonedds writes it, and room for bursts."""
         number = next(self._domain.service_ids)
-        return endpoint_id(self._domain.participant.guid, number).encode() + b";"
+        user_data = endpoint_id(self._domain.participant.guid, number).encode() + b";"
+        profile = _with_user_data(qos, key + user_data)
+        profile.depth = max(profile.depth, MIN_DEPTH)
+        return profile
 
     def _register(self, *endpoints: RtpsWriter | RtpsReader) -> None:
         """List endpoints in the discovery info until they are closed."""

@@ -31,6 +31,9 @@ _UNKNOWN: Final = -1 << 32
 MAX_WAITING: Final = 256
 _MAX_WAITING_OCTETS: Final = 16 * 1024 * 1024
 _PATIENCE: Final = 10.0
+# Requests, or replies, that an endpoint holds even with a smaller depth: they come in bursts, and
+# are taken one by one.
+MIN_DEPTH: Final = 256
 # Attack: samples that are not for us, as fast as they can be sent. Takes in a row that may bring
 # nothing; the rest is taken in a later turn.
 _MAX_MISSES: Final = 4
