@@ -7,7 +7,7 @@ import time
 import pytest
 
 from uros.middleware.rtps.middleware import RtpsMiddleware
-from uros.qos import LivelinessPolicy, QoSProfile
+from uros.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile
 
 pytestmark = pytest.mark.timeout(180)
 
@@ -150,6 +150,23 @@ def test_both_sides_name_what_does_not_match(plane, peer, offered, requested, po
     assert peer.event(topic) == {"event": "incompatible", "policy": policy}
     plane.until(lambda: plane.notices)
     assert f": {name} (" in plane.notices[0]
+
+
+def test_a_late_subscription_gets_no_sample_whose_lifespan_is_over(plane, peer):
+    topic = "/lifespan"
+    latched = DurabilityPolicy.TRANSIENT_LOCAL
+    short = create_writer(plane, topic, durability=latched, lifespan_ms=500)
+    lasting = create_writer(plane, topic, durability=latched, lifespan_ms=3_600_000)
+    plane.write(short)
+    plane.write(lasting)
+    peer.listen(1.0)
+    subscribe(peer, topic, durability="transient_local")
+    plane.until(lambda: short.matched() and lasting.matched())
+    assert peer.message(topic) == SAMPLE
+    plane.write(short)
+    assert peer.message(topic) == SAMPLE
+    peer.listen(1.0)
+    assert not peer.messages[topic]
 
 
 def test_a_missed_deadline_is_reported(plane, peer):

@@ -130,14 +130,24 @@ class Stranger:
         datagram = submessages.header(self.prefix) + b"".join(parts)
         self.network.inject(address or self.address, datagram, self.target)
 
-    def endpoint(self, topic, is_writer, guid=None, places=(), representations=(0,)):
+    def endpoint(
+        self, topic, is_writer, guid=None, places=(), representations=(0,), qos=None
+    ):  # fmt: skip
         entity = ids.PUBLICATIONS_WRITER if is_writer else ids.SUBSCRIPTIONS_WRITER
         if not self.count:
             self.send(submessages.encode_heartbeat(bytes(4), entity, 1, 0, 1))
         self.count += 1
         guid = guid or self.prefix + bytes([0, 0, self.count, 3 if is_writer else 4])
         data = EndpointData(
-            guid, is_writer, topic, TYPE, QoSProfile(), list(places), [], False, representations
+            guid,
+            is_writer,
+            topic,
+            TYPE,
+            qos or QoSProfile(),
+            list(places),
+            [],
+            False,
+            representations,
         )
         payload = parameters.write_endpoint(data)
         self.send(submessages.encode_data(bytes(4), entity, self.count, payload))

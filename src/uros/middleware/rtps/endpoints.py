@@ -13,7 +13,7 @@ from typing import Protocol
 
 from ...qos import HistoryPolicy, QoSProfile
 from ..base import MAX_PAST, Bytes, OnReady, Reader, Writer
-from .local import LocalReader, LocalWriter, why_unmatched
+from .local import LocalReader, LocalWriter, lifespan, why_unmatched
 from .parameters import EndpointData, InlineQos, write_related_identity
 from .reader import Sample
 
@@ -107,7 +107,10 @@ class RtpsWriter(Writer):
             return False
         if self.readers:
             qos = None if related is None else InlineQos(related=related)
-            received = Sample(payload, self.guid, self.local.state.last, qos, False)
+            received = Sample(
+                payload, self.guid, self.local.state.last, qos, False,
+                now + lifespan(self.local.data.qos),
+            )  # fmt: skip
             for reader in self.readers:
                 if readers is None or reader.guid in readers:
                     reader.put(received)
@@ -121,8 +124,8 @@ class RtpsWriter(Writer):
     def past(self) -> list[Sample]:
         """Return the samples that a late reader gets."""
         return [
-            Sample(change.payload, self.guid, change.number, None, False)
-            for change in self.local.state.history()
+            Sample(change.payload, self.guid, change.number, None, False, change.expires)
+            for change in self.local.state.history(time.monotonic())
         ]
 
     def matched(self) -> int:
@@ -194,15 +197,20 @@ class RtpsReader(Reader):
             self._domain.ready(self)
 
     def take_samples(self, limit: int) -> list[Sample]:
-        """Take samples with what is known of them, oldest first."""
+        """Take samples with what is known of them, oldest first; those that expired are dropped."""
         self.is_announced = False
         if not self.is_open:
             return []
-        samples = [self._samples.popleft() for _ in range(min(limit, len(self._samples)))]
+        now = time.monotonic()
+        samples: list[Sample] = []
+        while self._samples and len(samples) < limit:
+            sample = self._samples.popleft()
+            if sample.expires > now:
+                samples.append(sample)
         self._unreported = min(self._unreported, len(self._samples))
         if self._was_full and len(self._samples) < MAX_PAST:
             self._was_full = False
-            self.local.state.resume(time.monotonic())
+            self.local.state.resume(now)
         return samples
 
     def take(self, limit: int) -> list[bytes]:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
+from ...qos import QoSProfile
 from ..qos_matching import Mismatch, mismatches
 from .outbox import Outbox
 from .parameters import EndpointData
@@ -65,6 +67,11 @@ class LocalReader:
         self.data = data
         self.state = state
         self.announced = 0
+
+
+def lifespan(qos: QoSProfile) -> float:
+    """Return the lifespan of samples in seconds; infinity: without end."""
+    return qos.lifespan_ms / 1000 if qos.lifespan_ms else math.inf
 
 
 def why_unmatched(writer: EndpointData, reader: EndpointData) -> list[Mismatch] | None:

@@ -19,7 +19,7 @@ from ..qos_matching import Mismatch
 from . import builtin, ids, parameters, sedp, submessages
 from .builtin import BuiltinEndpoints
 from .liveliness import LivelinessAssertion
-from .local import LocalReader, LocalWriter, why_unmatched
+from .local import LocalReader, LocalWriter, lifespan, why_unmatched
 from .locators import Locator
 from .outbox import Outbox
 from .parameters import EndpointData, ParticipantData
@@ -176,7 +176,7 @@ class Participant:
         state = StatefulWriter(
             guid, qos.reliable, qos.transient_local, depth, self._fragment_size,
             is_manual=qos.liveliness == LivelinessPolicy.MANUAL_BY_TOPIC,
-            repeats=self._outbox.repeats,
+            lifespan=lifespan(qos), repeats=self._outbox.repeats,
         )  # fmt: skip
         writer = self.writers[guid[ids.PREFIX_SIZE :]] = LocalWriter(self._outbox, data, state)
         if wants_header is not None:
@@ -244,7 +244,7 @@ class Participant:
             self._outbox.add_packets(ours.state, packets)
             ours.on_match(theirs.guid)
         else:
-            ours.state.match(theirs.guid, theirs.qos.reliable, now)
+            ours.state.match(theirs.guid, theirs.qos.reliable, now, lifespan(theirs.qos))
 
     def _counterparts(self, theirs: EndpointData) -> list[LocalWriter | LocalReader]:
         """Our endpoints of the other kind."""
@@ -349,10 +349,10 @@ class Participant:
             if isinstance(submessage, Data):
                 reader.on_data(
                     guid, submessage.number, submessage.payload, submessage.inline_qos,
-                    submessage.little, submessage.is_key,
+                    submessage.little, submessage.is_key, now,
                 )  # fmt: skip
             elif isinstance(submessage, DataFrag):
-                reader.on_fragments(guid, submessage)
+                reader.on_fragments(guid, submessage, now)
             elif isinstance(submessage, Heartbeat):
                 is_same &= reader.on_heartbeat(guid, submessage, now)
             elif isinstance(submessage, Gap):

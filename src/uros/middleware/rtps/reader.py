@@ -10,6 +10,7 @@ for this reader, is passed over. A best-effort reader delivers what is newer tha
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from typing import Final, NamedTuple
 
@@ -42,8 +43,9 @@ _RESTART_AFTER: Final = 1.0
 # these seconds; Fast DDS repeats its own after 3.
 _ASK_AFTER: Final = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)
 # Samples that come before the first heartbeat wait for it, as the first of them may be lost, until
-# so many questions were not answered; then the lowest of them is the first.
-_MAX_UNANSWERED: Final = 3
+# so many questions were not answered; then the lowest of them is the first. At 30 % loss three in
+# turn are not rare.
+_MAX_UNANSWERED: Final = len(_ASK_AFTER)
 _COUNT_HALF: Final = 0x8000_0000
 
 
@@ -56,6 +58,8 @@ class Sample(NamedTuple):
         number: Its sequence number.
         inline_qos: What its inline QoS says; None without one.
         is_key: Whether the payload is a key.
+        expires: When its lifespan is over, which began when it arrived: clocks of other machines
+            differ and jump. Infinity: never.
     """
 
     payload: bytes | None
@@ -63,6 +67,7 @@ class Sample(NamedTuple):
     number: int
     inline_qos: InlineQos | None
     is_key: bool
+    expires: float = math.inf
 
 
 def is_newer(counter: int, last: int | None) -> bool:
@@ -79,19 +84,21 @@ class WriterProxy:
         expected: The number after the last that was delivered or passed over; None until the first
             HEARTBEAT or GAP.
         held: Samples beyond ``expected`` by number; None for numbers that are passed over.
+        lifespan: Seconds that its samples count.
         lost: Samples that the writer no longer had.
         behind_since: When its heartbeats began to be behind what came from it; None: they are not.
     """
 
     __slots__ = (
         "ack_at", "asked", "behind_since", "expected", "guid", "heartbeat_counter", "held",
-        "held_octets", "highest", "incomplete", "lost", "participant", "reliable",
+        "held_octets", "highest", "incomplete", "lifespan", "lost", "participant", "reliable",
     )  # fmt: skip
 
     def __init__(self, guid: bytes, reliable: bool, now: float) -> None:
         self.guid = guid
         self.participant = guid[: ids.PREFIX_SIZE]
         self.reliable = reliable
+        self.lifespan = math.inf
         self.expected: int | None = None
         self.held: dict[int, Sample | None] = {}
         self.held_octets = 0
@@ -144,10 +151,11 @@ class StatefulReader:
 
     # --- writers --------------------------------------------------------------------------
 
-    def match(self, guid: bytes, reliable: bool, now: float) -> None:
-        """Add a writer, or change nothing where it is known."""
+    def match(self, guid: bytes, reliable: bool, now: float, lifespan: float = math.inf) -> None:
+        """Add a writer, or update the lifespan of its samples in seconds."""
         if guid not in self.writers:
             self.writers[guid] = WriterProxy(guid, reliable and self.reliable, now)
+        self.writers[guid].lifespan = lifespan
 
     def unmatch(self, guid: bytes) -> None:
         """Remove a writer with what is held of it; idempotent."""
@@ -177,6 +185,7 @@ class StatefulReader:
         inline_qos: bytes | None,
         little: bool,
         is_key: bool,
+        now: float,
     ) -> None:
         """Handle DATA of a matched writer; of another it is dropped.
 
@@ -187,6 +196,7 @@ class StatefulReader:
             inline_qos: The inline QoS as octets; None without one.
             little: Its byte order.
             is_key: Whether the payload is a key.
+            now: The time in seconds.
         """
         proxy = self.writers.get(writer)
         if proxy is None or not self._is_wanted(proxy, number):
@@ -199,9 +209,9 @@ class StatefulReader:
                 self.malformed += 1
                 return
         octets = None if payload is None else unpadded(bytes(payload))
-        self._accept(proxy, Sample(octets, writer, number, qos, is_key))
+        self._accept(proxy, Sample(octets, writer, number, qos, is_key, now + proxy.lifespan))
 
-    def on_fragments(self, writer: bytes, fragment: DataFrag) -> None:
+    def on_fragments(self, writer: bytes, fragment: DataFrag, now: float) -> None:
         """Handle DATA_FRAG of a matched writer; of another it is dropped."""
         proxy = self.writers.get(writer)
         number = fragment.number
@@ -229,7 +239,7 @@ class StatefulReader:
         del proxy.incomplete[number]
         incomplete.close()
         raw, little = qos if qos is not None else (None, True)
-        self.on_data(writer, number, payload, raw, little, is_key)
+        self.on_data(writer, number, payload, raw, little, is_key, now)
 
     def on_heartbeat(self, writer: bytes, heartbeat: Heartbeat, now: float) -> bool:
         """Handle HEARTBEAT of a matched reliable writer; one that comes late is dropped.

@@ -4,12 +4,13 @@ A :class:`StatefulWriter` takes samples, acknowledgements and the time, and give
 deadline (RTPS 8.4.7, 8.4.9). It uses neither sockets nor a clock.
 
 The history keeps what late readers may want (transient local), and what reliable readers have not
-acknowledged, within the depth. A number that a reader asks for and that is not kept, was not for
-it, or is from before it matched, is answered by a GAP.
+acknowledged, within the depth and the lifespan. A number that a reader asks for and that is not
+kept, was not for it, or is from before it matched, is answered by a GAP.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Final, NamedTuple
 
@@ -61,6 +62,7 @@ class Change(NamedTuple):
         is_key: Whether the payload is a key.
         with_header: The payload for readers that expect the identity of a request in it, and not in
             inline QoS; None where there is no such difference.
+        expires: When its lifespan is over; infinity: never.
     """
 
     number: int
@@ -70,6 +72,7 @@ class Change(NamedTuple):
     readers: frozenset[bytes] | None
     is_key: bool
     with_header: bytes | None
+    expires: float
 
     @property
     def octets(self) -> int:
@@ -177,6 +180,7 @@ class StatefulWriter:
         fragment_size: Octets of a fragment; longer samples are sent in fragments.
         limit: The most samples in the history with ``depth`` None.
         is_manual: Whether writing asserts its liveliness (MANUAL_BY_TOPIC).
+        lifespan: Seconds that the history keeps a sample at most; infinity: no limit.
         repeats: What may be repeated; None: no more than this writer alone may.
     """
 
@@ -189,6 +193,7 @@ class StatefulWriter:
         fragment_size: int,
         limit: int = 5000,
         is_manual: bool = False,
+        lifespan: float = math.inf,
         repeats: RepeatBudget | None = None,
     ) -> None:
         self.guid = guid
@@ -200,6 +205,7 @@ class StatefulWriter:
         self._limit = limit
         self._fragment_size = fragment_size
         self._is_manual = is_manual
+        self._lifespan = lifespan
         self._repeats = repeats if repeats is not None else RepeatBudget()
         self._history: dict[int, Change] = {}  # in order of their numbers
         self._octets = 0  # in the history
@@ -227,6 +233,7 @@ class StatefulWriter:
         """
         if guid in self.readers:
             return []
+        self._drop_expired(now)
         late = wants_history and self._transient_local and bool(self._history)
         first = next(iter(self._history)) if late else self.last + 1
         proxy = self.readers[guid] = ReaderProxy(
@@ -308,7 +315,10 @@ class StatefulWriter:
             What is to be sent.
         """
         self.last += 1
-        change = Change(self.last, payload, inline_qos, time_ns, readers, is_key, with_header)
+        change = Change(
+            self.last, payload, inline_qos, time_ns, readers, is_key, with_header,
+            now + self._lifespan,
+        )  # fmt: skip
         waits = any(proxy.reliable for proxy in self.readers.values())
         if self._transient_local or waits:
             self._history[self.last] = change
@@ -361,6 +371,14 @@ class StatefulWriter:
     def _drop(self, number: int) -> None:
         self._octets -= self._history.pop(number).octets
 
+    def _drop_expired(self, now: float) -> None:
+        """Drop samples whose lifespan is over; all have the same, so the oldest go first."""
+        while self._history:
+            oldest = next(iter(self._history.values()))
+            if oldest.expires > now:
+                break
+            self.remove(oldest.number)
+
     def _trim(self) -> None:
         """Drop what all reliable readers have, where no late reader wants it."""
         acked = self._acked()
@@ -374,10 +392,11 @@ class StatefulWriter:
                 break
             self._drop(oldest)
 
-    def history(self) -> list[Change]:
+    def history(self, now: float) -> list[Change]:
         """Return the samples that a late reader gets, oldest first."""
         if not self._transient_local:
             return []
+        self._drop_expired(now)
         return [change for change in self._history.values() if change.readers is None]
 
     def remove(self, number: int) -> None:
@@ -474,6 +493,8 @@ class StatefulWriter:
     def next_deadline(self) -> float | None:
         """Return when :meth:`poll` has something to send, or None."""
         deadline = None
+        if self._lifespan != math.inf and self._history:
+            deadline = next(iter(self._history.values())).expires
         for proxy in self.readers.values():
             for at in (proxy.resend_at, proxy.heartbeat_at):
                 if at is not None and (deadline is None or at < deadline):
@@ -481,7 +502,8 @@ class StatefulWriter:
         return deadline
 
     def poll(self, now: float) -> Iterator[Packet]:
-        """Yield what is due: samples to send again, gaps and heartbeats."""
+        """Yield what is due: samples to send again, gaps and heartbeats; drop what has expired."""
+        self._drop_expired(now)
         if self._is_full():
             self._give_up_stalled(now)
         for proxy in list(self.readers.values()):

@@ -120,6 +120,25 @@ def test_a_reader_of_cyclone_gets_each_sample_from_the_match_on(own_domain_id, r
         pair.close()
 
 
+@pytest.mark.parametrize("remote", [True, False])
+def test_samples_that_wait_beyond_their_lifespan_are_not_taken(pair, remote):
+    """Those of another process, and of this one."""
+    taken = []
+    reader = pair.nodes[1].create_reader("rt/a", TYPE, QoSProfile(), lambda: taken.append(1))
+    node = pair.nodes[0 if remote else 1]
+    lasting = node.create_writer("rt/a", TYPE, QoSProfile(lifespan_ms=3_600_000))
+    short = node.create_writer("rt/a", TYPE, QoSProfile(lifespan_ms=20))
+    pair.until(lambda: lasting.matched() and short.matched())
+    for writer in (short, lasting):
+        assert writer.write(cdr(256))
+        pair.until(lambda: taken)
+        taken.clear()
+        reader.is_announced = False
+    over = time.monotonic() + 0.02
+    pair.until(lambda: time.monotonic() > over and len(reader.arrived(10)) == 2)
+    assert reader.take(1) == [cdr(256)] and not reader.take(1)
+
+
 def test_nodes_do_not_write_on_topics_of_the_middleware(pair):
     for topic in ("ros_discovery_info", "DCPSParticipant"):
         with pytest.raises(MiddlewareError, match="nodes do not write on"):

@@ -110,10 +110,10 @@ class Link:
             if isinstance(submessage, Data):
                 reader.on_data(
                     WRITER, submessage.number, submessage.payload, submessage.inline_qos,
-                    submessage.little, submessage.is_key,
+                    submessage.little, submessage.is_key, self.now,
                 )  # fmt: skip
             elif isinstance(submessage, DataFrag):
-                reader.on_fragments(WRITER, submessage)
+                reader.on_fragments(WRITER, submessage, self.now)
             elif isinstance(submessage, Heartbeat):
                 reader.on_heartbeat(WRITER, submessage, self.now)
             elif isinstance(submessage, HeartbeatFrag):
@@ -391,7 +391,7 @@ def data(number, size=10):
 
 def receive(end, number, size=10):
     found = data(number, size)
-    end.reader.on_data(WRITER, number, found.payload, None, True, False)
+    end.reader.on_data(WRITER, number, found.payload, None, True, False, 0.0)
 
 
 def heartbeat(first, last, counter):
@@ -466,7 +466,7 @@ def test_a_sample_that_is_announced_too_large_is_passed_over():
     end = End()
     end.reader.match(WRITER, True, 0.0)
     end.reader.on_heartbeat(WRITER, heartbeat(1, 2, 1), 0.0)
-    end.reader.on_fragments(WRITER, fragment(1, 1, 1000, MAX_SAMPLE + 1))
+    end.reader.on_fragments(WRITER, fragment(1, 1, 1000, MAX_SAMPLE + 1), 0.0)
     receive(end, 2)
     assert end.numbers == [2] and end.budget.used == 0
 
@@ -479,7 +479,7 @@ def test_many_samples_that_are_never_complete_hold_a_bounded_part():
             end.reader.on_heartbeat(WRITER, heartbeat(1, 1000, 1), 0.0)
         for number in range(1, 1000):
             for first in range(1, 10):
-                end.reader.on_fragments(WRITER, fragment(number, first, 1000, 50_000))
+                end.reader.on_fragments(WRITER, fragment(number, first, 1000, 50_000), 0.0)
         (proxy,) = end.reader.writers.values()
         assert len(proxy.incomplete) <= 8 and end.budget.used <= 100_000
         end.reader.unmatch(WRITER)
@@ -490,7 +490,7 @@ def test_fragments_of_an_octet_are_refused():
     end = End(reliable=False)
     end.reader.match(WRITER, False, 0.0)
     for first in range(1, 200):
-        end.reader.on_fragments(WRITER, fragment(1, first, 1, 50_000))
+        end.reader.on_fragments(WRITER, fragment(1, first, 1, 50_000), 0.0)
     (proxy,) = end.reader.writers.values()
     assert not proxy.incomplete
 
@@ -521,10 +521,25 @@ def test_repeated_acknowledgements_and_heartbeats_change_nothing():
 def test_of_writers_and_readers_that_are_not_matched_nothing_is_taken():
     link, end = Link(), End()
     receive(end, 1)
-    end.reader.on_fragments(WRITER, fragment(1, 1, 100, 200))
+    end.reader.on_fragments(WRITER, fragment(1, 1, 100, 200), 0.0)
     end.reader.on_heartbeat(WRITER, heartbeat(1, 1, 1), 0.0)
     end.reader.on_gap(WRITER, Gap(bytes(4), WRITER[12:], 1, 2, ()))
     assert not end.samples and end.reader.next_deadline() is None
     link.writer.on_acknack(guid(9), AckNack(bytes(4), bytes(4), 1, (), 1, True), 0.0)
     link.writer.on_nack_frag(guid(9), NackFrag(bytes(4), bytes(4), 1, (1,), 1), 0.0)
     assert link.writer.next_deadline() is None
+
+
+def test_without_a_heartbeat_a_reader_asks_six_times_and_begins_with_the_lowest_sample():
+    """Fast DDS repeats its own heartbeat after 3 s: that one answers."""
+    end = End()
+    end.reader.match(WRITER, True, 0.0)
+    for number in (6, 5):
+        receive(end, number)
+    asked = []
+    while not end.samples:
+        now = end.reader.next_deadline()
+        assert now is not None and len(asked) < 7
+        asked += [now for _ in end.reader.poll(now)]
+    assert end.numbers == [5, 6] and len(asked) == 7 and 3.0 < asked[-1] < 10.0
+    assert end.reader.next_deadline() is None
