@@ -30,6 +30,7 @@ LONG = (
     "host/test_node.py",
     "interfaces/test_codec.py",
     "interfaces/test_dynamic.py",
+    "middleware/rtps/test_interfaces.py",
     "test_fuzz_corpus.py",
     "tools/agent/options/test_state.py",
     "tools/board/test_board.py",

@@ -16,7 +16,9 @@
 ``sedp``            Announcements of endpoints.
 ``liveliness``      Participant messages: our writers are alive.
 ``participant``     Our participant: all of the above, without sockets or a clock.
-``udp``             The sockets of one domain.
+``network``         What a domain uses of the network, as the environment says.
+``ip_sockets``      The sockets of one domain for one version of IP.
+``udp``             The sockets of one domain, and its interfaces as they come and go.
 ``endpoints``       The contract's writers and readers.
 ``discovery_info``  ``ros_discovery_info`` of a domain: our nodes, and those of others.
 ``domain``          One domain: participant, sockets, endpoints of this process.

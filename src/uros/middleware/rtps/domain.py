@@ -13,10 +13,9 @@ from ...qos import QoSProfile
 from .. import user_data
 from ..discovery_info import codec
 from ..discovery_info.gid_size import configured_gid_size
-from ..environment import discovery_range
 from ..qos_matching import Mismatch
 from ..type_conflicts import TypeConflicts
-from . import ids
+from . import ids, network
 from .discovery_info import RtpsDiscoveryInfo
 from .endpoints import RtpsReader, RtpsWriter
 from .local import LocalReader, LocalWriter
@@ -96,12 +95,14 @@ class RtpsDomain:
         self._backlog_octets = OctetBudget(_MAX_BACKLOG_OCTETS)
         self._backlog_at: float | None = None
         self._conflicts = TypeConflicts(self._on_type_conflict)
-        peers = [peer for peer in environment.get("ROS_STATIC_PEERS", "").split(";") if peer]
-        self._sockets = DomainSockets(number, discovery_range(environment), peers)
+        now = time.monotonic()
+        self._sockets = DomainSockets(number, network.read_settings(environment, number), now)
+        for text in self._sockets.notices:
+            context.notice(text)
         self.participant = Participant(
             ids.VENDOR + os.urandom(ids.PREFIX_SIZE - len(ids.VENDOR)), number,
             self._sockets.unicast, self._sockets.multicast, self._sockets.peers,
-            user_data.PARTICIPANT, time.monotonic(),
+            user_data.PARTICIPANT, now,
         )  # fmt: skip
         self.participant.on_participant = self._on_participant
         self.participant.on_endpoint = self._on_endpoint
@@ -266,7 +267,7 @@ class RtpsDomain:
 
     def next_deadline(self) -> float | None:
         """Return when :meth:`tick` has work."""
-        deadlines = [self.participant.next_deadline(), self._backlog_at]
+        deadlines = [self.participant.next_deadline(), self._backlog_at, self._sockets.scan_at]
         if self.info is not None:
             deadlines.append(self.info.next_deadline())
         return min((at for at in deadlines if at is not None), default=None)
@@ -276,6 +277,9 @@ class RtpsDomain:
         now = time.monotonic()
         if self.info is not None:
             self.info.tick(now)
+        if self._sockets.scan_at is not None and self._sockets.scan_at <= now:
+            if self._sockets.scan(now):
+                self.participant.move(self._sockets.unicast, self._sockets.multicast, now)
         self.participant.poll(now)
         self._send()
 
@@ -288,13 +292,13 @@ class RtpsDomain:
         octets: dict[Locator, int] = {}
         for datagram, place in self.participant.take_datagrams():
             sent = octets.get(place, 0)
-            if place in self._backlog or sent >= _SLICE:
+            waits = place in self._backlog or sent >= _SLICE
+            if waits or not self._sockets.send(datagram, place):
                 waiting = self._backlog.setdefault(place, deque())
                 if len(waiting) < _MAX_BACKLOG and self._backlog_octets.take(len(datagram), place):
                     waiting.append(datagram)
                 continue
             octets[place] = sent + len(datagram)
-            self._sockets.send(datagram, place)
         now = time.monotonic()
         if self._backlog_at is not None and self._backlog_at <= now:
             self._backlog_at = None
@@ -302,14 +306,18 @@ class RtpsDomain:
                 self._send_slice(place, datagrams)
         if self._backlog and self._backlog_at is None:
             self._backlog_at = now + _PAUSE
+        for address in self._sockets.take_unreachable():
+            self.participant.leave_address(address)
 
     def _send_slice(self, place: Locator, datagrams: deque[bytes]) -> None:
         octets = 0
         while datagrams and octets < _SLICE:
-            datagram = datagrams.popleft()
+            datagram = datagrams[0]
+            if not self._sockets.send(datagram, place):
+                return  # the system has no room
+            datagrams.popleft()
             octets += len(datagram)
             self._backlog_octets.give_back(len(datagram), place)
-            self._sockets.send(datagram, place)
         if not datagrams:
             del self._backlog[place]
 

@@ -12,6 +12,7 @@ from ..base import Middleware, MiddlewareError, check_domain
 from ..discovery_info.node_entry import NodeEntry
 from ..environment import discovery_range
 from ..wakeup_fd import WakeupFd
+from . import network
 from .domain import RtpsDomain
 from .endpoints import RtpsReader
 from .graph import RtpsGraph
@@ -84,11 +85,12 @@ class RtpsMiddleware(Middleware):
 
     def _join(self, domain: int, localhost_only: bool) -> RtpsDomain:
         check_domain(domain)
-        if localhost_only and discovery_range(self._environment) not in ("LOCALHOST", "OFF"):
+        if localhost_only and not network.stays_local(self._environment, domain):
             raise MiddlewareError(
                 "a client wants a participant that never leaves this machine, and domain"
                 f" {domain} is open to the network: start the agent with"
-                " ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
+                " ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST, and without peers or interfaces of"
+                " others in ROS_STATIC_PEERS and CYCLONEDDS_URI"
             )
         return self._domain(domain)
 

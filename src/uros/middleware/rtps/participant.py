@@ -110,6 +110,7 @@ class Participant:
         )
         self._prefix = prefix
         self._domain = domain
+        self._peers = peers
         self._announce_to = [*multicast, *peers]
         self._fragment_size = (message_size - _FRAGMENT_OVERHEAD) & ~3
         self._budget = OctetBudget(MAX_HELD)
@@ -153,6 +154,16 @@ class Participant:
         """Return the datagrams to send, each with where to."""
         datagrams, self._outbox.datagrams = self._outbox.datagrams, []
         return datagrams
+
+    def move(self, unicast: list[Locator], multicast: list[Locator], now: float) -> None:
+        """Announce that we receive elsewhere from now on; see the class for the arguments."""
+        self._announcer.move(unicast, multicast, now)
+        self._announce_to = [*multicast, *self._peers]
+
+    def leave_address(self, address: str) -> None:
+        """Note that datagrams do not reach an address; see RemoteParticipant.leave_address."""
+        for remote in self.remotes.values():
+            remote.leave_address(address)
 
     # --- our endpoints ---------------------------------------------------------------------
 

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from typing import Final
 
 from . import ids
-from .locators import Locator
+from .locators import UDPV4, UDPV6, Locator
 from .parameters import EndpointData, ParticipantData
 
 # Attack: a participant that never leaves. The longest lease that is believed, in ms.
@@ -98,8 +98,9 @@ class RemoteParticipant:
         if source in self.heard:
             return True
         data = self.data
+        host = source.partition("%")[0]  # nobody announces the number of an interface here
         return any(
-            locator.address == source
+            locator.address == host
             for locator in (*data.metatraffic_unicast, *data.default_unicast)
         )
 
@@ -107,15 +108,25 @@ class RemoteParticipant:
         """Return the first of the announced locators at an address that it was heard from.
 
         A participant behind a translation of addresses announces none of those: then it is the
-        announced port at the address that was heard.
+        announced port at the address that was heard. A link-local address of IPv6 is announced
+        without the interface that it was heard on.
         """
         announced = [locator for locator in announced if not locator.is_multicast]
         for locator in announced:
             if locator.address in self.heard:
                 return locator
-        if announced and self.heard:
-            return announced[0]._replace(address=next(iter(self.heard)))
+        for address in self.heard:
+            host, kind = address.partition("%")[0], UDPV6 if ":" in address else UDPV4
+            same = [locator for locator in announced if locator.kind == kind]
+            if same:
+                found = next((locator for locator in same if locator.address == host), same[0])
+                return found._replace(address=address)
         return None
+
+    def leave_address(self, address: str) -> None:
+        """Send no longer to an address, if it was heard from another one too."""
+        if len(self.heard) > 1:
+            self.heard.pop(address, None)
 
     def place_of(self, guid: bytes) -> Locator | None:
         """Return where one of its endpoints receives; builtin ones by their participant."""

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Final
 
 from . import ids, parameters, submessages
+from .locators import Locator
 from .parameters import ParticipantData
 
 # Seconds after which a peer that hears nothing of us counts us as gone, and between announcements:
@@ -36,6 +38,15 @@ class ParticipantAnnouncer:
         count, pauses = self._periods, _FIRST_ANNOUNCEMENTS
         self._periods += 1
         self.due = now + (pauses[count] if count < len(pauses) else _ANNOUNCEMENT_PERIOD)
+
+    def move(self, unicast: list[Locator], multicast: list[Locator], now: float) -> None:
+        """Announce other locators from now on, with the first announcement at once."""
+        self._data = dataclasses.replace(
+            self._data, metatraffic_unicast=unicast, metatraffic_multicast=multicast,
+            default_unicast=unicast,
+        )  # fmt: skip
+        self._periods = 0
+        self.due = now
 
     def announcement(self) -> bytes:
         """Return a message that announces the participant."""

@@ -1,33 +1,38 @@
-"""The UDP sockets of one domain, by ROS's discovery range.
+"""The UDP sockets of one domain, on the interfaces that there are at each time.
 
-One socket receives discovery and data by unicast: its port is the well-known one of the lowest free
-participant index (RTPS 9.6.2.3), so that peers which know only the address find it. Where multicast
-is allowed, a second socket receives the announcements of all participants.
+One port receives discovery and data by unicast: the well-known one of the lowest free participant
+index (RTPS 9.6.2.3), so that peers which know only the address find it. Where multicast is allowed,
+a second socket for each version of IP receives the announcements of all participants.
 """
 
 from __future__ import annotations
 
 import errno
-import socket
-import struct
-from collections.abc import Iterator
+import sys
+from collections import Counter
+from collections.abc import Callable, Iterator
 from typing import Final
 
-from ...addresses import ipv4_by_interface, own_address
+from ... import addresses
+from ...addresses import Interface
 from ..base import MiddlewareError
-from . import locators
-from .locators import UDPV4, Locator
+from . import locators, network
+from .ip_sockets import IpSockets
+from .locators import UDPV4, UDPV6, Locator
+from .network import NetworkSettings
 
-# Two hundred ROS processes on one machine; RTPS ports allow no more.
+# The last index whose ports are those of its own domain (RTPS 9.6.2.3).
 MAX_INDEX: Final = 119
-# Participants without multicast are looked for at these indices of each peer; Fast DDS too.
-_PEER_INDICES: Final = range(32)
-LOOPBACK: Final = "127.0.0.1"
-# A burst of fragments is received as a whole where the system allows that much.
-_BUFFER: Final = 4 * 1024 * 1024
+# Seconds between looks at the interfaces. A cable or a Wi-Fi that comes back is used after so long.
+SCAN_PERIOD: Final = 3.0
 _LARGEST: Final = 65536
 # Attack: a flood of datagrams. A socket is drained up to so many, then others have their turn.
 _MAX_BURST: Final = 64
+# Errors of sending that say that an address is not reached from here.
+_UNREACHABLE: Final = frozenset(
+    (errno.ENETUNREACH, errno.EHOSTUNREACH, errno.ENODEV, errno.ENXIO, errno.EADDRNOTAVAIL,
+     errno.ENETDOWN)
+)  # fmt: skip
 
 
 class DomainSockets:
@@ -37,153 +42,203 @@ class DomainSockets:
         unicast: Where peers reach us.
         multicast: Where all participants of the domain receive announcements; empty without.
         peers: Further places to announce to.
+        send_errors: Datagrams that the system did not take, by ``errno``.
+        scan_at: When :meth:`scan` is due (``time.monotonic``); None: never.
+        notices: What the user should know.
 
     Args:
         domain: The domain.
-        reach: ROS's discovery range, one of ``environment.RANGES``.
-        static_peers: The peers of ROS_STATIC_PEERS, as addresses or host names.
+        settings: What it uses of the network.
+        now: The time (``time.monotonic``).
+        list_interfaces: Returns the interfaces that are up.
 
     Raises:
-        MiddlewareError: No index is free, or there is no address.
+        MiddlewareError: No index is free, or the ports cannot be opened.
     """
 
-    def __init__(self, domain: int, reach: str, static_peers: list[str]) -> None:
+    def __init__(
+        self,
+        domain: int,
+        settings: NetworkSettings,
+        now: float,
+        list_interfaces: Callable[[], list[Interface]] = addresses.interfaces,
+    ) -> None:
         self.unicast: list[Locator] = []
         self.multicast: list[Locator] = []
-        self.peers: list[Locator] = []
-        self._sockets: list[socket.socket] = []
-        self._senders: dict[str, socket.socket] = {}  # for multicast, by interface's address
+        self.peers = list(settings.peers)
+        self.send_errors: Counter[int] = Counter()
+        self.scan_at: float | None = None
+        self.notices = list(settings.notices)
+        self._settings = settings
+        self._list_interfaces = list_interfaces
+        self._interfaces: list[Interface] = []
+        self._sockets: dict[int, IpSockets] = {}
+        self._unreachable: set[str] = set()
         self._buffer = bytearray(_LARGEST)
         self._view = memoryview(self._buffer)
-        if reach == "OFF":
+        if settings.is_off:
             return
-        addresses = [LOOPBACK] if reach == "LOCALHOST" else _own_addresses()
-        bind_to = LOOPBACK if reach == "LOCALHOST" else "0.0.0.0"
-        self._main, port = self._open_unicast(domain, bind_to)
-        self.unicast = [Locator(UDPV4, port, address) for address in addresses]
-        if reach in ("SUBNET", "SYSTEM_DEFAULT"):
-            self._open_multicast(domain, addresses)
-        wanted = [LOOPBACK] if reach == "LOCALHOST" else []
-        if reach != "SYSTEM_DEFAULT":
-            wanted += static_peers
-        for peer in wanted:
-            self.peers += _places(peer, domain)
+        self._open(domain)
+        try:
+            if settings.multicast:
+                for each in self._sockets.values():
+                    each.open_multicast(locators.multicast_port(domain))
+        except MiddlewareError:
+            self.close()
+            raise
+        self.scan(now)
+        self._check_choices()
 
-    def _open_unicast(self, domain: int, address: str) -> tuple[socket.socket, int]:
-        """The socket on the port of the lowest free index."""
-        for index in range(MAX_INDEX + 1):
+    # --- opening -------------------------------------------------------------------------------
+
+    def _open(self, domain: int) -> None:
+        """Open the sockets on the port of the participant index."""
+        wanted = self._settings.index
+        if wanted == -1:
+            self._open_at(domain, 0)
+            return
+        for index in range(MAX_INDEX + 1) if wanted is None else (wanted,):
             port = locators.metatraffic_port(domain, index)
-            sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-            try:
-                # Without SO_REUSEADDR: a port of another participant must not be shared.
-                sock.bind((address, port))
-            except OSError as error:
-                sock.close()
-                if error.errno != errno.EADDRINUSE:
-                    raise MiddlewareError(f"domain {domain}: UDP port {port}: {error}") from error
-                continue
-            self._adopt(sock)
-            return sock, port
+            if port > locators.MAX_PORT:
+                break
+            if self._open_at(domain, port):
+                if index >= network.PROBED and not self._settings.multicast:
+                    self.notices.append(
+                        f"domain {domain}: this is participant {index} of this machine, and without"
+                        f" multicast others look for participants 0 to {network.PROBED - 1}: those"
+                        " beyond are not found by all; end others, or use another domain"
+                    )
+                return
+        if wanted is not None:
+            raise MiddlewareError(
+                f"domain {domain}: the participant index {wanted} of CYCLONEDDS_URI is taken or too"
+                " high: choose another one, or auto"
+            )
         raise MiddlewareError(
-            f"domain {domain} has {MAX_INDEX + 1} participants on this machine already: use another"
-            " domain"
+            f"domain {domain} has no free participant index on this machine: use another domain"
         )
 
-    def _open_multicast(self, domain: int, addresses: list[str]) -> None:
-        port = locators.multicast_port(domain)
-        sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        if hasattr(socket, "SO_REUSEPORT"):
+    def _open_at(self, domain: int, port: int) -> bool:
+        """Open the sockets of all versions of IP at a port; return False if it is taken."""
+        for kind in self._settings.kinds:
             try:
-                sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
-            except OSError:
-                pass
-        try:
-            sock.bind(("", port))
-        except OSError as error:
-            sock.close()
-            raise MiddlewareError(f"domain {domain}: UDP port {port}: {error}") from error
-        self._adopt(sock)
-        group = socket.inet_aton(locators.MULTICAST_GROUP)
-        for address in addresses:
-            own = socket.inet_aton(address)
-            try:
-                sock.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, group + own)
-            except OSError:
-                continue  # an interface without multicast
-            sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-            sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, own)
-            sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 1)
-            sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, struct.pack("b", 1))
-            sender.setblocking(False)
-            self._senders[address] = sender
-        if self._senders:
-            self.multicast = [Locator(UDPV4, port, locators.MULTICAST_GROUP)]
+                opened = IpSockets(kind, port, self._settings.stays_local)
+            except OSError as error:
+                self.close()
+                if error.errno == errno.EADDRINUSE:
+                    return False
+                raise MiddlewareError(f"domain {domain}: {_fault(kind, port, error)}") from error
+            self._sockets[kind] = opened
+            port = opened.port
+        return True
 
-    def _adopt(self, sock: socket.socket) -> None:
-        sock.setblocking(False)
-        try:
-            sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
-        except OSError:
-            pass  # the system's own size then
-        self._sockets.append(sock)
+    def _check_choices(self) -> None:
+        """Tell the user of interfaces in CYCLONEDDS_URI that are not there."""
+        known = {text for one in self._interfaces for text in (one.name, one.address, *one.ipv6)}
+        missing = [one.name for one in self._settings.choices if one.name not in known]
+        if missing and sys.platform == "linux":
+            there = ", ".join(one.name for one in self._list_interfaces()) or "none"
+            self.notices.append(
+                f"CYCLONEDDS_URI asks for the interface {', '.join(missing)}, which is not up with"
+                f" an address (there are {there}): it is used once it is"
+            )
+
+    # --- interfaces ------------------------------------------------------------------------------
+
+    def scan(self, now: float) -> bool:
+        """Look at the interfaces; return whether :attr:`unicast` or :attr:`multicast` changed."""
+        if not self._sockets:
+            return False
+        self.scan_at = now + SCAN_PERIOD
+        self._interfaces = self._settings.usable(self._list_interfaces() or _one_interface())
+        with_multicast = [one for one in self._interfaces if self._settings.allows_multicast(one)]
+        for each in self._sockets.values():
+            each.join(with_multicast)
+        before = self.unicast, self.multicast
+        port = next(iter(self._sockets.values())).port
+        self.unicast = network.announced(self._interfaces, self._sockets, port)
+        self.multicast = [place for each in self._sockets.values() for place in each.groups]
+        return (self.unicast, self.multicast) != before
+
+    # --- datagrams -------------------------------------------------------------------------------
 
     def filenos(self) -> list[int]:
         """Return the descriptors that are readable when datagrams have come."""
-        return [sock.fileno() for sock in self._sockets]
+        return [sock.fileno() for each in self._sockets.values() for sock in each.sockets]
 
     def receive(self) -> Iterator[tuple[memoryview, str]]:
         """Yield datagrams that have come, with the addresses of their senders.
 
         A datagram is valid until the next one. At most a burst is taken of each socket; the rest
-        leaves its descriptor readable.
+        leaves its descriptor readable. A link-local address has the number of its interface, see
+        :class:`Locator`.
         """
-        for sock in self._sockets:
-            for _ in range(_MAX_BURST):
-                try:
-                    size, source = sock.recvfrom_into(self._buffer)
-                except OSError:  # none, or an ICMP error of a datagram sent earlier
-                    break
-                yield self._view[:size], source[0]
+        for each in list(self._sockets.values()):
+            for sock in each.sockets:
+                for _ in range(_MAX_BURST):
+                    try:
+                        size, source = sock.recvfrom_into(self._buffer)
+                    except BlockingIOError:
+                        break
+                    except OSError:
+                        continue  # an ICMP error of a datagram sent earlier
+                    if each.kind == UDPV6:
+                        yield self._view[:size], locators.scoped(source[0], source[3])
+                    else:
+                        yield self._view[:size], source[0]
 
-    def send(self, datagram: bytes, place: Locator) -> None:
-        """Send a datagram; it is lost where the system does not take it."""
-        if place.is_multicast:
-            for sender in self._senders.values():
-                try:
-                    sender.sendto(datagram, (place.address, place.port))
-                except OSError:
-                    pass  # an interface that is down
-        elif self._sockets:
-            try:
-                self._main.sendto(datagram, (place.address, place.port))
-            except OSError:
-                pass
+    def send(self, datagram: bytes, place: Locator) -> bool:
+        """Send a datagram.
+
+        Returns:
+            False where the system has no room now: send it again later. What cannot be sent at all
+            is counted in :attr:`send_errors`, and lost as on a network.
+        """
+        each = self._sockets.get(place.kind)
+        if each is None:
+            if self._sockets:  # else the range is OFF
+                self.send_errors[errno.EAFNOSUPPORT] += 1
+            return True
+        try:
+            each.send(datagram, place)
+        except BlockingIOError:
+            return False
+        except OSError as error:
+            self.send_errors[error.errno or 0] += 1
+            if error.errno in _UNREACHABLE and not place.is_multicast:
+                self._unreachable.add(place.address)
+        return True
+
+    def take_unreachable(self) -> set[str]:
+        """Return the addresses that no interface has reached since the last call."""
+        found, self._unreachable = self._unreachable, set()
+        return found
 
     def close(self) -> None:
         """Close the sockets; idempotent."""
-        for sock in (*self._sockets, *self._senders.values()):
-            sock.close()
+        for each in self._sockets.values():
+            each.close()
         self._sockets.clear()
-        self._senders.clear()
+        self.scan_at = None
 
 
-def _own_addresses() -> list[str]:
-    """The addresses of this machine, loopback last and only where there is no other."""
-    found = [address for address in ipv4_by_interface().values() if not address.startswith("127.")]
-    if not found:  # other systems than Linux tell the one towards the network
-        address = own_address((locators.MULTICAST_GROUP, locators.multicast_port(0)))
-        found = [address] if address is not None else []
-    return found or [LOOPBACK]
+def _fault(kind: int, port: int, error: OSError) -> str:
+    if kind == UDPV6 and error.errno in (errno.EAFNOSUPPORT, errno.EADDRNOTAVAIL):
+        return (
+            f"this machine has no IPv6 ({error.strerror}): turn it on, or take IPv6 out of"
+            " CYCLONEDDS_URI and ROS_STATIC_PEERS"
+        )
+    return f"UDP port {port}: {error}"
 
 
-def _places(peer: str, domain: int) -> list[Locator]:
-    """The places at which participants on a peer's machine may be."""
-    try:
-        found = socket.getaddrinfo(peer, None, socket.AF_INET, socket.SOCK_DGRAM)
-    except OSError:
-        return []
-    address = str(found[0][4][0])
-    return [
-        Locator(UDPV4, locators.metatraffic_port(domain, index), address) for index in _PEER_INDICES
-    ]
+def _one_interface() -> list[Interface]:
+    """The interface towards the network, on systems that do not list theirs."""
+    found = []
+    flags = addresses.UP | addresses.RUNNING | addresses.MULTICAST
+    group = (locators.MULTICAST_GROUPS[UDPV4][0], locators.multicast_port(0))
+    address = addresses.own_address(group)
+    if address is not None and not address.startswith("127."):
+        found.append(Interface("default", 0, flags, address))
+    loopback = addresses.UP | addresses.RUNNING | addresses.LOOPBACK
+    found.append(Interface("lo0", 0, loopback, "127.0.0.1", ("::1",)))
+    return found

@@ -169,6 +169,7 @@ def test_a_client_that_stays_on_this_machine_is_admitted_only_there(
     assert bool(middleware._domains[own_domain_id].filenos()) == (value == "LOCALHOST")
     middleware.close()
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
+    monkeypatch.delenv("CYCLONEDDS_URI")  # it chooses loopback
     middleware = open_middleware("rtps")
     with pytest.raises(MiddlewareError, match="open to the network"):
         middleware.create_node(own_domain_id, "/", "node", localhost_only=True)

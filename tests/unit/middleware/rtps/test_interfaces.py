@@ -1,0 +1,24 @@
+"""Hosts with several interfaces, which come and go, and IPv6: each in network namespaces."""
+
+import pytest
+from support.networks import run_isolated
+
+pytestmark = pytest.mark.timeout(180)
+
+
+@pytest.mark.parametrize(
+    "scenario",
+    [
+        "each_interface_carries_announcements",
+        "an_interface_that_appears_is_used",
+        "an_interface_that_vanishes_is_left",
+        "an_address_that_changes_is_followed",
+        "ipv6",
+        "link_local_ipv6",
+        "both_versions_of_ip",
+        "cyclone_over_ipv6",
+        "cyclone_over_two_interfaces",
+    ],
+)
+def test_hosts(scenario):
+    run_isolated("support.rtps_networks", scenario)

@@ -1,0 +1,248 @@
+"""The sockets of a domain, on loopback, with interfaces that the test gives."""
+
+import errno
+import socket
+
+import pytest
+
+from uros.addresses import LOOPBACK, RUNNING, UP, Interface
+from uros.middleware.base import MiddlewareError
+from uros.middleware.rtps import ip_sockets, locators, udp
+from uros.middleware.rtps.locators import UDPV4, UDPV6, Locator
+from uros.middleware.rtps.network import NetworkSettings, read_settings
+from uros.middleware.rtps.udp import SCAN_PERIOD, DomainSockets
+
+LO = Interface("lo", 1, UP | RUNNING | LOOPBACK, "127.0.0.1", ("::1",))
+LOCAL = NetworkSettings(stays_local=True, multicast=False)
+
+
+class Opened:
+    """Sockets that are closed at the end, on interfaces that may change."""
+
+    def __init__(self):
+        self.all = []
+        self.interfaces = [LO]
+
+    def __call__(self, domain, settings=LOCAL, now=0.0):
+        made = DomainSockets(domain, settings, now, lambda: list(self.interfaces))
+        self.all.append(made)
+        return made
+
+
+@pytest.fixture
+def opened():
+    made = Opened()
+    yield made
+    for each in made.all:
+        each.close()
+
+
+def port_of(domain, index):
+    return locators.metatraffic_port(domain, index)
+
+
+# --- the participant index ------------------------------------------------------------------------
+
+
+def test_off_opens_no_socket(opened, own_domain_id, monkeypatch):
+    def sockets_are_off(*_):
+        raise AssertionError("a socket was opened")
+
+    monkeypatch.setattr(ip_sockets.socket, "socket", sockets_are_off)
+    sockets = opened(own_domain_id, read_settings({"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"}, 0))
+    assert sockets.filenos() == [] and sockets.scan_at is None
+    assert sockets.send(b"x", Locator(UDPV4, 7400, "127.0.0.1")) and not sockets.send_errors
+
+
+def test_the_lowest_free_index_is_taken(opened, own_domain_id):
+    first, second = opened(own_domain_id), opened(own_domain_id)
+    assert first.unicast == [Locator(UDPV4, port_of(own_domain_id, 0), "127.0.0.1")]
+    assert second.unicast == [Locator(UDPV4, port_of(own_domain_id, 1), "127.0.0.1")]
+    first.close()
+    assert opened(own_domain_id).unicast == first.unicast
+
+
+def test_a_port_that_others_would_share_is_taken_all_the_same(opened, own_domain_id):
+    """Fast DDS opens its port with SO_REUSEADDR: ours does not, so the port is seen as taken."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        other.bind(("0.0.0.0", port_of(own_domain_id, 0)))
+        assert opened(own_domain_id).unicast[0].port == port_of(own_domain_id, 1)
+
+
+def test_only_the_multicast_port_is_shared(opened, own_domain_id):
+    settings = NetworkSettings(stays_local=True)
+    for number in range(2):
+        sockets = opened(own_domain_id, settings)
+        assert sockets.multicast == [
+            Locator(UDPV4, locators.multicast_port(own_domain_id), "239.255.0.1")
+        ]
+        shared = [
+            sock.getsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR)
+            for sock in sockets._sockets[UDPV4].sockets
+        ]
+        assert shared == [0, 1] and sockets.unicast[0].port == port_of(own_domain_id, number)
+
+
+def test_localhost_opens_no_multicast_socket(opened, own_domain_id):
+    sockets = opened(own_domain_id, read_settings({"ROS_LOCALHOST_ONLY": "1"}, own_domain_id))
+    assert len(sockets.filenos()) == 1 and sockets.multicast == []
+    assert Locator(UDPV4, port_of(own_domain_id, 31), "127.0.0.1") in sockets.peers
+
+
+def test_an_index_that_others_do_not_look_for_is_told(opened, own_domain_id, monkeypatch):
+    assert opened(own_domain_id).notices == []
+    monkeypatch.setattr(udp.network, "PROBED", 1)
+    (notice,) = opened(own_domain_id).notices
+    assert "this is participant 1" in notice and "use another domain" in notice
+
+
+def test_the_index_of_the_configuration(opened, own_domain_id):
+    fixed = NetworkSettings(stays_local=True, multicast=False, index=7)
+    assert opened(own_domain_id, fixed).unicast[0].port == port_of(own_domain_id, 7)
+    with pytest.raises(MiddlewareError, match="index 7 of CYCLONEDDS_URI is taken"):
+        opened(own_domain_id, fixed)
+    too_high = NetworkSettings(stays_local=True, multicast=False, index=30_000)
+    with pytest.raises(MiddlewareError, match="taken or too high"):
+        opened(own_domain_id, too_high)
+    none = NetworkSettings(stays_local=True, multicast=False, index=-1)
+    free = {opened(own_domain_id, none).unicast[0].port for _ in range(2)}
+    assert len(free) == 2 and 0 not in free
+
+
+def test_a_domain_without_a_free_index_is_an_error(opened, own_domain_id, monkeypatch):
+    monkeypatch.setattr(udp, "MAX_INDEX", 0)
+    opened(own_domain_id)
+    with pytest.raises(MiddlewareError, match="no free participant index.*another domain"):
+        opened(own_domain_id)
+
+
+def test_a_multicast_port_that_is_not_shared_is_an_error(opened, own_domain_id):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("", locators.multicast_port(own_domain_id)))
+        with pytest.raises(MiddlewareError, match="is in use by a program that does not share it"):
+            opened(own_domain_id, NetworkSettings(stays_local=True))
+
+
+# --- interfaces ---------------------------------------------------------------------------------
+
+
+def test_interfaces_are_looked_at_again(opened, own_domain_id):
+    settings = NetworkSettings(multicast=False)
+    sockets = opened(own_domain_id, settings, now=100.0)
+    assert sockets.scan_at == 100.0 + SCAN_PERIOD
+    assert not sockets.scan(103.0) and sockets.scan_at == 103.0 + SCAN_PERIOD
+    opened.interfaces = [LO, Interface("eth0", 2, UP | RUNNING, "10.0.0.1")]
+    assert sockets.scan(106.0)
+    assert [place.address for place in sockets.unicast] == ["10.0.0.1"]
+    opened.interfaces = [LO]
+    assert sockets.scan(109.0)
+    assert [place.address for place in sockets.unicast] == ["127.0.0.1"]
+
+
+def test_an_interface_without_multicast_is_tried_again(opened, own_domain_id, monkeypatch):
+    refused = [errno.ENODEV]
+    set_option = ip_sockets._set
+
+    def refuse(sock, level, option, value):
+        if option == socket.IP_ADD_MEMBERSHIP and refused:
+            return False
+        return set_option(sock, level, option, value)
+
+    monkeypatch.setattr(ip_sockets, "_set", refuse)
+    sockets = opened(own_domain_id, NetworkSettings(stays_local=True))
+    assert sockets.multicast == []
+    refused.clear()
+    assert sockets.scan(3.0) and len(sockets.multicast) == 1
+
+
+def test_a_chosen_interface_that_is_not_there_is_told(opened, own_domain_id):
+    uri = '<General><Interfaces><NetworkInterface name="eth77"/></Interfaces></General>'
+    settings = read_settings({"CYCLONEDDS_URI": uri}, own_domain_id)
+    (notice,) = opened(own_domain_id, settings).notices
+    assert "asks for the interface eth77, which is not up" in notice and "there are lo" in notice
+
+
+# --- datagrams ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "kinds, address", [((UDPV4,), "127.0.0.1"), ((UDPV6,), "::1"), ((UDPV4, UDPV6), "::1")]
+)
+def test_datagrams_of_both_versions_of_ip(opened, own_domain_id, kinds, address):
+    settings = NetworkSettings(kinds=kinds, stays_local=True, multicast=False)
+    one, other = opened(own_domain_id, settings), opened(own_domain_id, settings)
+    (place,) = [place for place in other.unicast if place.address == address]
+    assert one.send(b"hello", place)
+    assert [(bytes(data), source) for data, source in other.receive()] == [(b"hello", address)]
+
+
+def test_announcements_by_multicast_come_back(opened, own_domain_id):
+    settings = NetworkSettings(stays_local=True)
+    one, other = opened(own_domain_id, settings), opened(own_domain_id, settings)
+    (group,) = one.multicast
+    assert one.send(b"here", group)
+    assert [bytes(data) for data, _ in other.receive()] == [b"here"]
+    assert not one.send_errors
+
+
+def test_what_cannot_be_sent_is_counted(opened, own_domain_id):
+    sockets = opened(own_domain_id)
+    assert sockets.send(b"x", Locator(UDPV4, 7410, "10.0.0.9"))  # the socket is on loopback
+    assert sockets.send(b"x", Locator(UDPV6, 7410, "fd00::9"))  # there is no socket of IPv6
+    assert sum(sockets.send_errors.values()) == 2
+    assert sockets.send_errors[errno.EAFNOSUPPORT] == 1
+
+
+class Faulty:
+    """A socket that does not send."""
+
+    def __init__(self, fault):
+        self.fault = fault
+
+    def sendto(self, datagram, address):
+        raise self.fault
+
+    def close(self):
+        pass
+
+
+@pytest.mark.parametrize("number", [errno.ENETUNREACH, errno.ENODEV, errno.EADDRNOTAVAIL])
+def test_an_address_that_no_interface_reaches_is_told_once(opened, own_domain_id, number):
+    sockets = opened(own_domain_id)
+    sockets._sockets[UDPV4]._unicast.close()
+    sockets._sockets[UDPV4]._unicast = Faulty(OSError(number, "no"))
+    assert sockets.send(b"x", Locator(UDPV4, 7410, "10.0.0.9"))
+    assert sockets.send_errors == {number: 1}
+    assert sockets.take_unreachable() == {"10.0.0.9"} and not sockets.take_unreachable()
+
+
+def test_a_full_send_buffer_is_no_loss(opened, own_domain_id):
+    sockets = opened(own_domain_id)
+    sockets._sockets[UDPV4]._unicast.close()
+    sockets._sockets[UDPV4]._unicast = Faulty(BlockingIOError(errno.EAGAIN, "full"))
+    assert not sockets.send(b"x", Locator(UDPV4, 7410, "127.0.0.1"))
+    assert not sockets.send_errors
+
+
+def test_buffers_are_as_large_as_the_system_allows(opened, own_domain_id):
+    sock = opened(own_domain_id)._sockets[UDPV4].sockets[0]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        for option in (socket.SO_RCVBUF, socket.SO_SNDBUF):
+            other.setsockopt(socket.SOL_SOCKET, option, 1024 * 1024)
+            wanted = other.getsockopt(socket.SOL_SOCKET, option)
+            assert sock.getsockopt(socket.SOL_SOCKET, option) >= wanted
+
+
+def test_a_machine_without_ipv6_is_named(opened, own_domain_id, monkeypatch):
+    real = socket.socket
+
+    def without(family, kind):
+        if family == socket.AF_INET6:
+            raise OSError(errno.EAFNOSUPPORT, "Address family not supported by protocol")
+        return real(family, kind)
+
+    monkeypatch.setattr(ip_sockets.socket, "socket", without)
+    settings = NetworkSettings(kinds=(UDPV4, UDPV6), stays_local=True, multicast=False)
+    with pytest.raises(MiddlewareError, match="has no IPv6.*turn it on"):
+        opened(own_domain_id, settings)
