@@ -97,26 +97,30 @@ class DomainSockets:
         if wanted == -1:
             self._open_at(domain, 0)
             return
-        for index in range(MAX_INDEX + 1) if wanted is None else (wanted,):
+        for index in (*(() if wanted is None else (wanted,)), *range(MAX_INDEX + 1)):
             port = locators.metatraffic_port(domain, index)
-            if port > locators.MAX_PORT:
-                break
-            if self._open_at(domain, port):
-                if index >= network.PROBED and not self._settings.multicast:
-                    self.notices.append(
-                        f"domain {domain}: this is participant {index} of this machine, and without"
-                        f" multicast others look for participants 0 to {network.PROBED - 1}: those"
-                        " beyond are not found by all; end others, or use another domain"
-                    )
+            if port <= locators.MAX_PORT and self._open_at(domain, port):
+                self._check_index(domain, index)
                 return
-        if wanted is not None:
-            raise MiddlewareError(
-                f"domain {domain}: the participant index {wanted} of CYCLONEDDS_URI is taken or too"
-                " high: choose another one, or auto"
-            )
         raise MiddlewareError(
             f"domain {domain} has no free participant index on this machine: use another domain"
         )
+
+    def _check_index(self, domain: int, index: int) -> None:
+        """Tell the user of an index that is not the configured one, or that others do not try."""
+        wanted = self._settings.index
+        if wanted not in (None, index):
+            # With -m auto this process has a participant of Cyclone, too.
+            self.notices.append(
+                f"domain {domain}: the participant index {wanted} of CYCLONEDDS_URI is taken or too"
+                f" high, so {index} is used"
+            )
+        if index >= network.PROBED and not self._settings.multicast:
+            self.notices.append(
+                f"domain {domain}: this is participant {index} of this machine, and without"
+                f" multicast others look for participants 0 to {network.PROBED - 1}: those"
+                " beyond are not found by all; end others, or use another domain"
+            )
 
     def _open_at(self, domain: int, port: int) -> bool:
         """Open the sockets of all versions of IP at a port; return False if it is taken."""
