@@ -305,7 +305,7 @@ class Participant:
             prefix = sender
             remote = self.remotes.get(prefix)
             is_for_us, is_directed = True, False
-            if remote is not None:
+            if remote is not None and source in remote.heard:
                 remote.received += len(datagram)
             for submessage in submessages.read(datagram):
                 if isinstance(submessage, InfoDestination):

@@ -37,6 +37,10 @@ _OVERHEAD: Final = 200
 # Attack: gaps of any width. Numbers of a gap that are noted before their turn; the writer is asked
 # for the others, and answers with the gap again.
 _MAX_NOTED: Final = 256
+# Attack: a sample that is refused each time, as there is no room. A request that brought nothing is
+# repeated by the next heartbeat after a pause, which doubles; seconds.
+_PAUSE_FIRST: Final = 0.005
+_PAUSE_LAST: Final = 0.5
 # A writer whose heartbeats are behind what came from it, for so many seconds, has begun anew.
 _RESTART_AFTER: Final = 1.0
 # A writer that does not answer the first acknowledgement with a heartbeat is asked again, after
@@ -86,12 +90,15 @@ class WriterProxy:
         held: Samples beyond ``expected`` by number; None for numbers that are passed over.
         lifespan: Seconds that its samples count.
         lost: Samples that the writer no longer had.
+        progress: Counts samples and fragments that were taken, and numbers that were passed over.
+        in_vain: Requests in a row that brought nothing.
         behind_since: When its heartbeats began to be behind what came from it; None: they are not.
     """
 
     __slots__ = (
         "ack_at", "asked", "behind_since", "expected", "guid", "heartbeat_counter", "held",
-        "held_octets", "highest", "incomplete", "lifespan", "lost", "participant", "reliable",
+        "held_octets", "highest", "in_vain", "incomplete", "lifespan", "lost", "participant",
+        "progress", "reliable", "requested_at",
     )  # fmt: skip
 
     def __init__(self, guid: bytes, reliable: bool, now: float) -> None:
@@ -105,6 +112,9 @@ class WriterProxy:
         self.incomplete: dict[int, IncompleteSample] = {}
         self.highest = 0  # the last number that the writer is known to have
         self.heartbeat_counter: int | None = None
+        self.progress = 0
+        self.requested_at = -1  # the progress
+        self.in_vain = 0
         self.behind_since: float | None = None
         self.lost = 0
         self.asked = 0  # first acknowledgements that no heartbeat answered
@@ -207,6 +217,9 @@ class StatefulReader:
                 qos = parameters.read_inline_qos(inline_qos, little)
             except MalformedError:
                 self.malformed += 1
+                if proxy.reliable:
+                    self._pass_over(proxy, number)  # it would be asked for without end
+                    self._deliver_held(proxy)
                 return
         octets = None if payload is None else unpadded(bytes(payload))
         self._accept(proxy, Sample(octets, writer, number, qos, is_key, now + proxy.lifespan))
@@ -233,6 +246,7 @@ class StatefulReader:
                 fragment, self._budget, proxy.participant
             )
         payload = incomplete.add(fragment)
+        proxy.progress += incomplete.has_progressed
         if payload is None:
             return
         qos, is_key = incomplete.inline_qos, incomplete.is_key
@@ -262,6 +276,7 @@ class StatefulReader:
             return True
         proxy.heartbeat_counter = heartbeat.counter
         proxy.asked = 0
+        pending = None if proxy.expected is None else proxy.ack_at
         proxy.ack_at = None
         proxy.highest = max(proxy.highest, heartbeat.last)
         if proxy.expected is None:
@@ -276,7 +291,10 @@ class StatefulReader:
             proxy.lost += proxy.expected - before
         self._deliver_held(proxy)
         if not heartbeat.final or self._lacks(proxy):
-            proxy.ack_at = now
+            pause = 0.0
+            if proxy.in_vain and proxy.progress == proxy.requested_at:
+                pause = min(_PAUSE_LAST, _PAUSE_FIRST * 2 ** min(proxy.in_vain, 10))
+            proxy.ack_at = now + pause if pending is None else min(pending, now + pause)
         return True
 
     def on_gap(self, writer: bytes, gap: Gap) -> None:
@@ -324,6 +342,7 @@ class StatefulReader:
             return
         if number == proxy.expected:
             if self._deliver(sample):
+                proxy.progress += 1
                 proxy.expected = number + 1
                 self._deliver_held(proxy)
             return
@@ -331,6 +350,7 @@ class StatefulReader:
             return
         octets = _OVERHEAD + (len(sample.payload) if sample.payload is not None else 0)
         if self._budget.take(octets, proxy.participant):
+            proxy.progress += 1
             proxy.held_octets += octets
             proxy.held[number] = sample
 
@@ -340,6 +360,7 @@ class StatefulReader:
             return
         if not self._budget.take(_OVERHEAD, proxy.participant):
             return
+        proxy.progress += 1
         proxy.held_octets += _OVERHEAD
         proxy.held[number] = None
         incomplete = proxy.incomplete.pop(number, None)
@@ -365,6 +386,7 @@ class StatefulReader:
             count += 1
         for number in [number for number in proxy.incomplete if number < to]:
             proxy.incomplete.pop(number).close()
+        proxy.progress += to > proxy.expected
         proxy.expected = max(proxy.expected, to)
         return count
 
@@ -391,6 +413,7 @@ class StatefulReader:
             if proxy.reliable and proxy.expected is not None:
                 self._deliver_held(proxy)
                 if self._lacks(proxy):
+                    proxy.in_vain = 0
                     proxy.ack_at = now
 
     # --- what it sends -----------------------------------------------------------------------
@@ -447,6 +470,9 @@ class StatefulReader:
                 fragments += encode_nack_frag(
                     self._entity, entity, number, lacking, self._counter & 0x7FFF_FFFF
                 )
+        if missing or fragments:
+            proxy.in_vain = proxy.in_vain + 1 if proxy.progress == proxy.requested_at else 0
+            proxy.requested_at = proxy.progress
         return self._acknack(proxy, entity, base, missing, not missing) + fragments
 
     def _acknack(
