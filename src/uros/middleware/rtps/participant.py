@@ -54,6 +54,8 @@ MAX_PARTICIPANTS_OF_ADDRESS: Final = 250
 MAX_KNOWN: Final = 64 * 1024 * 1024
 # Where all places are taken, one that has not answered for so many seconds makes room for another.
 _UNPROVEN: Final = 1.0
+# Seconds between announcements to a participant that was heard: two of them before our lease ends.
+_TELL_PERIOD: Final = LEASE_MS / 3000
 # Octets of early and incomplete samples of all readers.
 MAX_HELD: Final = 64 * 1024 * 1024
 # Seconds without a poll after which this process was stopped. Announcements of others are still
@@ -159,6 +161,8 @@ class Participant:
         """Announce that we receive elsewhere from now on; see the class for the arguments."""
         self._announcer.move(unicast, multicast, now)
         self._announce_to = [*multicast, *self._peers]
+        for remote in self.remotes.values():
+            remote.told = float("-inf")
 
     def leave_address(self, address: str) -> None:
         """Note that datagrams do not reach an address; see RemoteParticipant.leave_address."""
@@ -492,8 +496,7 @@ class Participant:
         self._now = now
         if now >= self._announcer.due:
             self._announcer.advance(now)
-            message = self._announcer.announcement()
-            self._outbox.datagrams += [(message, place) for place in self._announce_to]
+            self._announce(now)
         self._liveliness.poll(now)
         if now - self._polled_at > _STOPPED:
             for remote in self.remotes.values():
@@ -509,6 +512,22 @@ class Participant:
             for guid, octets in reader.state.poll(now):
                 self._outbox.add(guid, octets)
         self.flush()
+
+    def _announce(self, now: float) -> None:
+        """Announce ourselves to all, and now and then to each that was heard.
+
+        Some are beyond the reach of multicast, and no peers of ours: they have us as a peer.
+        """
+        message = self._announcer.announcement()
+        places = dict.fromkeys(self._announce_to)
+        for remote in self.remotes.values():
+            if now - remote.told < _TELL_PERIOD:
+                continue
+            place = remote.place(remote.data.metatraffic_unicast)
+            if place is not None and place not in places and remote.may_send(len(message)):
+                remote.told = now
+                places[place] = None
+        self._outbox.datagrams += [(message, place) for place in places]
 
     def close(self) -> None:
         """Say farewell; idempotent."""

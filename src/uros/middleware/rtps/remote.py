@@ -55,6 +55,7 @@ class RemoteParticipant:
         expires: When it counts as gone.
         endpoints: Its endpoints by GUID.
         received: Octets that came from it.
+        told: When we announced ourselves to it alone.
         is_proven: Whether it has answered us, and so receives what is sent to its address.
     """
 
@@ -66,6 +67,7 @@ class RemoteParticipant:
         self.expires = now + self.lease
         self.endpoints: dict[bytes, EndpointData] = {}
         self.received = 0
+        self.told = now
         self.is_proven = False
         self._sent = 0  # octets, until it is proven
 

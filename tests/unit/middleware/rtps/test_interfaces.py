@@ -21,4 +21,4 @@ pytestmark = pytest.mark.timeout(180)
     ],
 )
 def test_hosts(scenario):
-    run_isolated("support.rtps_networks", scenario)
+    run_isolated("support.rtps_hosts", scenario)
