@@ -17,6 +17,7 @@ HEARTBEAT: Final = 0x07
 GAP: Final = 0x08
 INFO_TS: Final = 0x09
 INFO_SRC: Final = 0x0C
+INFO_REPLY_IP4: Final = 0x0D
 INFO_DST: Final = 0x0E
 INFO_REPLY: Final = 0x0F
 NACK_FRAG: Final = 0x12

@@ -35,6 +35,7 @@ from .submessages import (
     Heartbeat,
     HeartbeatFrag,
     InfoDestination,
+    InfoReply,
     InfoSource,
     MalformedError,
     NackFrag,
@@ -288,6 +289,7 @@ class Participant:
         endpoint = remote.endpoints.pop(guid, None)
         if endpoint is None:
             return
+        remote.answers_to.pop(guid, None)
         self._known.give_back(cost(endpoint), remote.prefix)
         for ours in self._counterparts(endpoint):
             ours.state.unmatch(guid)
@@ -309,6 +311,7 @@ class Participant:
             prefix = sender
             remote = self.remotes.get(prefix)
             is_for_us, is_directed = True, False
+            answers_to: tuple[Locator, ...] = ()
             if remote is not None and source in remote.heard:
                 remote.received += len(datagram)
             for submessage in submessages.read(datagram):
@@ -318,6 +321,9 @@ class Participant:
                 elif isinstance(submessage, InfoSource):
                     prefix = submessage.prefix
                     remote = self.remotes.get(prefix)
+                    answers_to = ()
+                elif isinstance(submessage, InfoReply):
+                    answers_to = submessage.unicast
                 elif not is_for_us or prefix == self._prefix:
                     continue  # our own multicast comes back; others do not speak for us
                 elif isinstance(submessage, Data) and submessage.writer == ids.SPDP_WRITER:
@@ -330,11 +336,27 @@ class Participant:
                     remote.expires = now + remote.lease  # multicast announcements may be lost
                     if is_directed and isinstance(submessage, AckNack):
                         remote.is_proven = True  # it knows our prefix
+                    if isinstance(submessage, AckNack | NackFrag):
+                        self._answer_to(remote, submessage, answers_to)
                     if not self._dispatch(remote, submessage, now):
                         self._forget(remote)  # until its next announcement
                         remote = None
         except MalformedError:
             self.malformed += 1
+
+    def _answer_to(
+        self, remote: RemoteParticipant, submessage: AckNack | NackFrag, places: tuple[Locator, ...]
+    ) -> None:
+        """Note where a reader wants answers: at its locators, unless INFO_REPLY names others.
+
+        As always, nothing is sent to an address that its participant was not heard from.
+        """
+        guid = remote.prefix + submessage.reader
+        writer = self.writers.get(submessage.writer)
+        if places and writer is not None and guid in writer.state.readers:
+            remote.answers_to[guid] = places
+        else:
+            remote.answers_to.pop(guid, None)
 
     def _dispatch(
         self, remote: RemoteParticipant, submessage: submessages.Submessage, now: float

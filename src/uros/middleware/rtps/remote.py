@@ -54,6 +54,7 @@ class RemoteParticipant:
         since: When it was heard first.
         expires: When it counts as gone.
         endpoints: Its endpoints by GUID.
+        answers_to: Where its readers want answers, by GUID, if not at their locators (INFO_REPLY).
         received: Octets that came from it.
         told: When we announced ourselves to it alone.
         is_proven: Whether it has answered us, and so receives what is sent to its address.
@@ -66,6 +67,7 @@ class RemoteParticipant:
         self.lease = lease(data)
         self.expires = now + self.lease
         self.endpoints: dict[bytes, EndpointData] = {}
+        self.answers_to: dict[bytes, tuple[Locator, ...]] = {}
         self.received = 0
         self.told = now
         self.is_proven = False
@@ -133,6 +135,8 @@ class RemoteParticipant:
     def place_of(self, guid: bytes) -> Locator | None:
         """Return where one of its endpoints receives; builtin ones by their participant."""
         endpoint = self.endpoints.get(guid)
+        if guid in self.answers_to:
+            return self.place(self.answers_to[guid])
         if endpoint is None:
             return self.place(self.data.metatraffic_unicast)
         return self.place(endpoint.unicast or self.data.default_unicast)

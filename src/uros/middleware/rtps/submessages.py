@@ -11,7 +11,8 @@ import struct
 from collections.abc import Callable, Iterable, Iterator
 from typing import Final, NamedTuple
 
-from . import ids
+from . import ids, locators
+from .locators import Locator
 
 HEADER_SIZE: Final = 20
 # Numbers that one bitmap covers (9.4.2.6).
@@ -159,14 +160,14 @@ class InfoSource(NamedTuple):
 
 
 class InfoReply(NamedTuple):
-    """INFO_REPLY: where to send answers, as encoded locators of 24 octets.
+    """INFO_REPLY or INFO_REPLY_IP4: where a reader wants the answers to what follows.
 
-    Readers of this middleware answer to the locators that discovery gave: this is parsed to be
-    checked, and has no effect.
+    Attributes:
+        unicast: The locators of UDP; those of other transports are left out, as are the multicast
+            ones, because an answer is for one reader.
     """
 
-    unicast: tuple[bytes, ...]
-    multicast: tuple[bytes, ...]
+    unicast: tuple[Locator, ...]
 
 
 Submessage = (
@@ -185,10 +186,11 @@ class _Order(NamedTuple):
     time: struct.Struct
     data: struct.Struct  # extra flags, octets to inline QoS
     frag: struct.Struct  # first, count, fragment size, sample size
+    two_words: struct.Struct
 
 
 def _order(mark: str) -> _Order:
-    forms = ("H", "I", "iI", "iIiI", "II", "HH", "IHHI")
+    forms = ("H", "I", "iI", "iIiI", "II", "HH", "IHHI", "II")
     return _Order(*(struct.Struct(mark + form) for form in forms))
 
 
@@ -391,19 +393,33 @@ def _parse_info_src(body: memoryview, flags: int, order: _Order) -> InfoSource:
 
 def _parse_info_reply(body: memoryview, flags: int, order: _Order) -> InfoReply:
     unicast, at = _locator_list(body, 0, order)
-    multicast: tuple[bytes, ...] = ()
     if flags & _FLAG_MULTICAST:
-        multicast, at = _locator_list(body, at, order)
-    return InfoReply(unicast, multicast)
+        _locator_list(body, at, order)
+    return InfoReply(unicast)
 
 
-def _locator_list(body: memoryview, at: int, order: _Order) -> tuple[tuple[bytes, ...], int]:
+def _locator_list(body: memoryview, at: int, order: _Order) -> tuple[tuple[Locator, ...], int]:
     count = order.word.unpack_from(body, at)[0]
     at += 4
-    if count > (len(body) - at) // 24:
+    if count > (len(body) - at) // locators.SIZE:
         raise MalformedError("more locators than octets for them")
-    stop = at + 24 * count
-    return tuple(bytes(body[i : i + 24]) for i in range(at, stop, 24)), stop
+    stop = at + locators.SIZE * count
+    little = order is _LITTLE
+    found = (
+        locators.decode(bytes(body[i : i + locators.SIZE]), little)
+        for i in range(at, stop, locators.SIZE)
+    )
+    return tuple(one for one in found if one is not None and not one.is_multicast), stop
+
+
+def _parse_info_reply_ip4(body: memoryview, flags: int, order: _Order) -> InfoReply:
+    address, port = order.two_words.unpack_from(body)
+    if flags & _FLAG_MULTICAST:
+        order.two_words.unpack_from(body, 8)
+    # As the number that the address is (9.4.5.15); a locator of the other form has its octets.
+    raw = struct.pack(">iI12xI", locators.UDPV4, port, address)
+    found = locators.decode(raw, False)
+    return InfoReply(() if found is None or found.is_multicast else (found,))
 
 
 _PARSERS: Final[dict[int, Callable[[memoryview, int, _Order], Submessage]]] = {
@@ -418,6 +434,7 @@ _PARSERS: Final[dict[int, Callable[[memoryview, int, _Order], Submessage]]] = {
     ids.INFO_DST: _parse_info_dst,
     ids.INFO_SRC: _parse_info_src,
     ids.INFO_REPLY: _parse_info_reply,
+    ids.INFO_REPLY_IP4: _parse_info_reply_ip4,
 }
 
 

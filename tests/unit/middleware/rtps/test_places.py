@@ -1,9 +1,18 @@
 """Where participants are sent to: IPv6, several addresses, and locators that change."""
 
 import pytest
-from support.rtps_network import BEST_EFFORT, Inbox, Network, announcement, cdr, prefix, writer_of
+from support.rtps_network import (
+    BEST_EFFORT,
+    Inbox,
+    Network,
+    Stranger,
+    announcement,
+    cdr,
+    prefix,
+    writer_of,
+)
 
-from uros.middleware.rtps import ids, parameters, submessages
+from uros.middleware.rtps import ids, locators, parameters, submessages
 from uros.middleware.rtps.locators import UDPV4, UDPV6, Locator
 from uros.middleware.rtps.parameters import ParticipantData
 from uros.middleware.rtps.participant import Participant
@@ -46,6 +55,11 @@ class Hosts(Network):
                     target = self.members[place.address]
                     target.receive(memoryview(datagram), source, self.now)
         raise AssertionError("they do not stop talking")
+
+
+@pytest.fixture
+def network():
+    return Network()
 
 
 @pytest.fixture
@@ -176,3 +190,63 @@ def test_an_address_that_cannot_be_reached_is_left_for_another_one(hosts):
     one.flush()
     assert {place.address for _, place in one.take_datagrams()} == {"10.0.5.2"}
     assert not inbox.samples
+
+
+def reply_to(*places):
+    """INFO_REPLY."""
+    body = len(places).to_bytes(4, "little") + b"".join(map(locators.encode, places))
+    return bytes([ids.INFO_REPLY, 1]) + len(body).to_bytes(2, "little") + body
+
+
+def test_answers_go_where_info_reply_asks_for_them_if_the_reader_was_heard_from_there(network):
+    one = network.add(1)
+    stranger = Stranger(network, one)
+    stranger.announce()
+    reader = stranger.endpoint("rt/chatter", False)
+    writer = writer_of(network, one)
+    writer.write(cdr(1), 0, network.now)
+    network.step(0.2, 10)
+    to_us = submessages.encode_info_dst(prefix(1))
+
+    def answers(count, *more):
+        ask = submessages.encode_acknack(reader[12:], writer.data.guid[12:], 1, [1], count)
+        network.log.clear()
+        stranger.send(to_us, *more, ask)
+        network.step(0.05, 10)
+        return {
+            place
+            for source, datagram, place in network.log
+            if source == "10.0.0.1"
+            for sent in submessages.read(memoryview(datagram))
+            if isinstance(sent, submessages.Data) and sent.writer == writer.data.guid[12:]
+        }
+
+    assert answers(1) == {stranger.place}
+    other_port = v4("10.0.0.66", 9999)
+    assert answers(2, reply_to(other_port)) == {other_port}
+    assert answers(3) == {stranger.place}  # INFO_REPLY counts for its message
+    # Attack: answers to a third host. It gets none; they go to where the reader was heard.
+    assert answers(4, reply_to(v4("192.0.2.9", 9999))) == {other_port}
+    assert answers(5, reply_to(v4("239.255.0.1", 7400))) == {stranger.place}
+    source = bytes([ids.INFO_SRC, 1, 20, 0]) + bytes(4) + b"\2\3" + ids.VENDOR + stranger.prefix
+    assert answers(6, reply_to(other_port), source) == {stranger.place}
+
+
+def test_where_readers_want_answers_is_forgotten_with_them(network):
+    one = network.add(1)
+    stranger = Stranger(network, one)
+    stranger.announce()
+    (remote,) = one.remotes.values()
+    writer = writer_of(network, one)
+    reader = stranger.endpoint("rt/chatter", False)
+    unknown = stranger.prefix + b"\0\0\x55\4"
+    for number, guid in enumerate((reader, unknown), 1):
+        ask = submessages.encode_acknack(guid[12:], writer.data.guid[12:], 1, [], number)
+        stranger.send(submessages.encode_info_dst(prefix(1)), reply_to(v4("10.0.0.66", 9)), ask)
+    assert list(remote.answers_to) == [reader]
+    farewell = submessages.encode_data(
+        bytes(4), ids.SUBSCRIPTIONS_WRITER, 2, parameters.write_key(reader),
+        parameters.write_farewell_qos(reader), True,
+    )  # fmt: skip
+    stranger.send(farewell)
+    assert not remote.endpoints and not remote.answers_to

@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from uros.middleware.rtps import ids, submessages
+from uros.middleware.rtps.locators import UDPV4, UDPV6, Locator
 from uros.middleware.rtps.submessages import (
     AckNack,
     Data,
@@ -270,14 +271,31 @@ def number_be(value):
             InfoSource(b"\x02\x01", b"\x01\x0f", PREFIX),
         ),
         (
-            big(ids.INFO_REPLY, 2, (1).to_bytes(4, "big") + bytes(range(24)) + bytes(4)),
-            InfoReply((bytes(range(24)),), ()),
+            big(
+                ids.INFO_REPLY, 2,
+                b"\0\0\0\x03" + b"\0\0\0\x01\0\0\x1c\xf2" + bytes(12) + b"\x0a\0\0\x07"
+                + b"\0\0\0\x10\0\0\x1c\xf2" + bytes(16)  # shared memory
+                + b"\0\0\0\x02\0\0\x1c\xf4" + b"\xfd" + bytes(14) + b"\x09"
+                + b"\0\0\0\x01" + b"\0\0\0\x01\0\0\x1c\xe8" + bytes(12) + b"\xef\xff\0\x01",
+            ),
+            InfoReply((Locator(UDPV4, 7410, "10.0.0.7"), Locator(UDPV6, 7412, "fd00::9"))),
+        ),
+        (
+            big(ids.INFO_REPLY_IP4, 0, b"\x0a\0\0\x07\0\0\x1c\xf2"),
+            InfoReply((Locator(UDPV4, 7410, "10.0.0.7"),)),
         ),
     ],
     ids=lambda value: type(value).__name__ if isinstance(value, tuple) else "",
 )  # fmt: skip
 def test_big_endian_submessages(encoded, wanted):
     assert only(encoded) == wanted
+
+
+def test_info_reply_ip4_little_endian():
+    """An IPv4 address is a number there."""
+    body = bytes.fromhex("0700000a f21c0000 0100ffef e81c0000")
+    reply = only(bytes([ids.INFO_REPLY_IP4, 3]) + len(body).to_bytes(2, "little") + body)
+    assert reply == InfoReply((Locator(UDPV4, 7410, "10.0.0.7"),))
 
 
 def test_unknown_and_vendor_specific_submessages_are_skipped():
@@ -323,6 +341,7 @@ INVALID = {
     "fragment numbers from 0": big(
         ids.NACK_FRAG, 0, HEADS + number_be(4) + bytes(4) + bytes(4) + bytes(4)
     ),
+    "INFO_REPLY_IP4 without its multicast locator": big(ids.INFO_REPLY_IP4, 2, bytes(8)),
     "too many locators": big(ids.INFO_REPLY, 0, b"\xff\xff\xff\xff" + bytes(24)),
     "a short destination": big(ids.INFO_DST, 0, bytes(11)),
     "a short heartbeat": big(ids.HEARTBEAT, 0, HEADS + number_be(1)),
