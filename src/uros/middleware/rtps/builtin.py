@@ -79,7 +79,7 @@ class BuiltinEndpoints:
         fragment_size: Octets of a fragment.
         outbox: Where the writer's packets go.
         budget: For samples that are incomplete or early.
-        deliver: Called with each sample received.
+        deliver: Called with each sample received, again if it came before its turn.
         depth: Samples that the writer's history keeps; None: all.
     """
 
@@ -105,7 +105,9 @@ class BuiltinEndpoints:
         )
         self.writer = LocalWriter(outbox, EndpointData(guid, True, "", "", _QOS), history)
         guid = prefix + topic.reader
-        received = StatefulReader(guid, True, True, accept, budget)
+        # Fast DDS repeats what it announced before a match after 0.1 s only. What it announces then
+        # must not wait for that; delivering it again puts right what was mixed up.
+        received = StatefulReader(guid, True, True, accept, budget, on_early=deliver)
         self.reader = LocalReader(EndpointData(guid, False, "", "", _QOS), received)
 
     def match(self, remote: RemoteParticipant, now: float) -> None:

@@ -137,6 +137,7 @@ class StatefulReader:
         deliver: Called with each sample, in order; returns False where there is no room: a reliable
             reader then does not acknowledge it and gets it again.
         budget: For samples that are incomplete or early.
+        on_early: Called with a sample that waits for others before it, besides ``deliver``.
     """
 
     def __init__(
@@ -146,6 +147,7 @@ class StatefulReader:
         from_first: bool,
         deliver: Callable[[Sample], bool],
         budget: OctetBudget,
+        on_early: Callable[[Sample], object] | None = None,
     ) -> None:
         self.guid = guid
         self.reliable = reliable
@@ -154,6 +156,7 @@ class StatefulReader:
         self._from_first = from_first
         self._deliver = deliver
         self._budget = budget
+        self._on_early = on_early
         self._entity = guid[ids.PREFIX_SIZE :]
         # Of acknowledgements. They rise across matches with one writer, which may not have noticed
         # that it was forgotten, and drops counters that do not rise.
@@ -353,6 +356,8 @@ class StatefulReader:
             proxy.progress += 1
             proxy.held_octets += octets
             proxy.held[number] = sample
+            if self._on_early is not None:
+                self._on_early(sample)
 
     def _pass_over(self, proxy: WriterProxy, number: int) -> None:
         """Note that a number is not for this reader."""

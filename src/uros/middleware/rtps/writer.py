@@ -331,6 +331,8 @@ class StatefulWriter:
         for proxy in self.readers.values():
             if proxy.waits_until is not None:
                 self._schedule_heartbeat(proxy, now)
+                if proxy.heartbeat_pause == _HEARTBEAT_FIRST and change.is_for(proxy.guid):
+                    proxy.heartbeat_at = now  # it may know the writer by now
                 continue
             if not is_for_all and change.is_for(proxy.guid):
                 packets += self._data(change, proxy)
