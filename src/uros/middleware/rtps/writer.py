@@ -321,9 +321,9 @@ class StatefulWriter:
         )  # fmt: skip
         waits = any(proxy.reliable for proxy in self.readers.values())
         if self._transient_local or waits:
+            self._make_room()
             self._history[self.last] = change
             self._octets += change.octets
-            self._evict()
         packets: list[Packet] = []
         is_for_all = readers is None and with_header is None and not self._has_waiting()
         if is_for_all and self.readers:
@@ -362,12 +362,14 @@ class StatefulWriter:
     def _has_waiting(self) -> bool:
         return any(proxy.waits_until is not None for proxy in self.readers.values())
 
-    def _evict(self) -> None:
-        """Keep the history within its depth."""
-        most = self._depth if self._depth is not None else self._limit
-        while len(self._history) > most or (
-            self._depth is None and self._octets > MAX_HISTORY and len(self._history) > 1
-        ):
+    def _make_room(self) -> None:
+        """Keep the history within its depth when one is added."""
+        if self._depth is not None:
+            while len(self._history) >= self._depth:
+                self._drop(next(iter(self._history)))
+            return
+        acked = self._acked() if self._is_full() else 0
+        while self._is_full() and next(iter(self._history)) <= acked:
             self._drop(next(iter(self._history)))
 
     def _drop(self, number: int) -> None:
@@ -486,9 +488,15 @@ class StatefulWriter:
         if not is_newer(nack.counter, proxy.nack_frag_counter):
             return
         proxy.nack_frag_counter = nack.counter
-        if nack.number <= self.last:
-            proxy.fragments.setdefault(nack.number, set()).update(nack.missing)
-            proxy.resend_at = proxy.resend_at or now
+        change = self._history.get(nack.number)
+        if change is not None:
+            last = -(-change.octets // self._fragment_size)
+            asked = [number for number in nack.missing if number <= last]
+            if asked:
+                proxy.fragments.setdefault(nack.number, set()).update(asked)
+        elif nack.number <= self.last:
+            proxy.requested.add(nack.number)  # what is gone is answered by a gap
+        proxy.resend_at = proxy.resend_at or now
 
     # --- what it sends -----------------------------------------------------------------------
 
