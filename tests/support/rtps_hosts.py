@@ -1,10 +1,14 @@
 """Scenarios with the rtps middleware on several hosts; see tests/unit/.../test_interfaces.py."""
 
 import os
+from concurrent.futures import ThreadPoolExecutor
 
 from support.networks import Host, Machines
+from support.paths import ROOT
+from support.peer import RosPeer
 from uros.middleware.dds.middleware import DdsMiddleware
 from uros.middleware.rtps import udp
+from uros.middleware.rtps.locators import UDPV6
 from uros.middleware.rtps.middleware import RtpsMiddleware
 from uros.qos import QoSProfile
 
@@ -54,9 +58,9 @@ class Station:
         remote = self.domain.participant.remotes.get(other.domain.participant.guid[:12])
         return set() if remote is None else {p.host for p in remote.data.metatraffic_unicast}
 
-    def write(self, number):
+    def write(self, sample):
         with self.host:
-            assert self.writer.write(cdr(number))
+            assert self.writer.write(sample)
             self.middleware.flush()
 
 
@@ -81,8 +85,8 @@ def link(a, b, number, left, right):
 def talk(one, other, machines, number):
     """Samples arrive both ways."""
     machines.until(lambda: one.writer.matched() and other.writer.matched())
-    one.write(number)
-    other.write(number)
+    one.write(cdr(number))
+    other.write(cdr(number))
     machines.until(lambda: cdr(number) in other.samples and cdr(number) in one.samples)
 
 
@@ -102,7 +106,7 @@ def each_interface_carries_announcements():
     machines = Machines((a, one.middleware), *((each.host, each.middleware) for each in others))
     assert one.announced() == {"10.9.1.1", "10.9.2.1"}
     machines.until(lambda: one.writer.matched() == 2)
-    one.write(1)
+    one.write(cdr(1))
     machines.until(lambda: all(cdr(1) in each.samples for each in others))
 
 
@@ -134,7 +138,7 @@ def an_interface_that_vanishes_is_left():
     assert list(remotes.values()) == before  # it was not lost meanwhile
     with one.host:
         one.host.ip("link del net1")
-    one.write(3)
+    one.write(cdr(3))
     machines.until(lambda: one.announced() == {"127.0.0.1"})
     assert sum(one.sockets.send_errors.values()) > 0
     link(one.host, other.host, 0, "10.9.1.1/24", "10.9.1.2/24")
@@ -197,3 +201,72 @@ def a_peer_that_only_one_side_lists_is_kept():
     other = Station(b, "other", "rt/b", "rt/a", uri=uri)
     machines = Machines((a, one.middleware), (b, other.middleware))
     talk(one, other, machines, 1)
+
+
+def fast_dds(link_addresses, variables, **more):
+    """A real rclpy node with rmw_fastrtps on the other host; samples go both ways."""
+    a, b = Host(), Host()
+    for number, (left, right) in enumerate(link_addresses):
+        link(a, b, number, left, right)
+    one = Station(a, "one", "rt/a", "rt/b", **more)
+    os.environ.update(
+        {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET", "ROS_STATIC_PEERS": "", **variables}
+    )
+    machines = Machines((a, one.middleware))
+    with b:
+        peer = RosPeer(ROOT / ".venv-ros" / "bin" / "python", DOMAIN)
+    with ThreadPoolExecutor(1) as thread:
+
+        def peer_does(work, *arguments, **options):
+            doing = thread.submit(work, *arguments, **options)
+            machines.until(doing.done)
+            return doing.result()
+
+        peer_does(peer.__enter__)
+        try:
+            for topic in ("/a", "/b"):
+                peer_does(peer.do, "subscribe", topic=topic, type="std_msgs/msg/String")
+            machines.until(one.writer.matched)
+            one.write(text("hello 1"))
+            assert text("hello 1") == peer_does(peer.message, "/a")
+            sent = [text("there 2").hex()]
+            found = peer_does(peer.do, "publish", topic="/b", type="std_msgs/msg/String", cdr=sent)
+            assert found["subscribers"] == 2
+            machines.until(lambda: one.samples)
+            assert one.samples == [text("there 2")]
+            return one
+        finally:
+            peer_does(peer.__exit__)
+
+
+def text(value):
+    """A sample; seven letters need no padding."""
+    raw = value.encode() + b"\0"
+    return b"\0\1\0\0" + len(raw).to_bytes(4, "little") + raw
+
+
+def fast_dds_over_ipv6():
+    one = fast_dds(
+        [("fd00:9::1/64", "fd00:9::2/64")], {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv6"}, uri=UDP6
+    )
+    assert {place.kind for place in one.sockets.unicast} == {UDPV6}
+
+
+def fast_dds_over_two_interfaces():
+    fast_dds([("10.9.1.1/24", "10.9.1.2/24"), ("10.9.2.1/24", "10.9.2.2/24")], {})
+
+
+def fast_dds_that_lists_us_as_its_peer():
+    """Both have the range LOCALHOST, and one of them lists the other."""
+    fast_dds(
+        [("10.9.1.1/24", "10.9.1.2/24")],
+        {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_STATIC_PEERS": "10.9.1.1"},
+        uri="<General><AllowMulticast>false</AllowMulticast></General>",
+    )
+
+
+def fast_dds_that_we_list_as_our_peer():
+    fast_dds(
+        [("10.9.1.1/24", "10.9.1.2/24")], {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"},
+        reach="LOCALHOST", peers="10.9.1.2",
+    )  # fmt: skip

@@ -8,6 +8,8 @@ import pytest
 from uros.middleware import open_middleware
 from uros.middleware.base import MiddlewareError
 from uros.middleware.dds.middleware import DdsMiddleware
+from uros.middleware.rtps import locators
+from uros.middleware.rtps.locators import UDPV4, Locator
 from uros.middleware.rtps.middleware import RtpsMiddleware
 from uros.qos import QoSProfile, ReliabilityPolicy
 
@@ -173,4 +175,60 @@ def test_a_client_that_stays_on_this_machine_is_admitted_only_there(
     middleware = open_middleware("rtps")
     with pytest.raises(MiddlewareError, match="open to the network"):
         middleware.create_node(own_domain_id, "/", "node", localhost_only=True)
+    middleware.close()
+
+
+def test_datagrams_wait_while_the_system_has_no_room(pair):
+    """A full send buffer loses nothing and changes no order."""
+    reader = pair.nodes[1].create_reader("rt/a", TYPE, QoSProfile(), lambda: None)
+    writer = pair.nodes[0].create_writer("rt/a", TYPE, QoSProfile())
+    pair.until(writer.matched)
+    sockets = pair.domains[0]._sockets
+    send, refused, sent = sockets.send, [], []
+
+    def send_every_other_time(datagram, place):
+        if len(refused) <= len(sent):
+            refused.append(datagram)
+            return False
+        sent.append(datagram)
+        return send(datagram, place)
+
+    sockets.send = send_every_other_time
+    wanted = [cdr(256 * number) for number in range(1, 6)]
+    for sample in wanted:
+        assert writer.write(sample)
+    samples = []
+    pair.until(lambda: samples.extend(reader.take(10)) or len(samples) == 5)
+    assert samples == wanted
+    assert all(datagram in sent for datagram in refused[:5]) and not sockets.send_errors
+
+
+def test_a_broken_configuration_of_cyclone_is_an_error(monkeypatch, own_domain_id):
+    monkeypatch.setenv("CYCLONEDDS_URI", "<nix")
+    middleware = open_middleware("rtps")
+    with pytest.raises(MiddlewareError, match="CYCLONEDDS_URI is not valid XML"):
+        middleware.create_node(own_domain_id, "/", "node")
+    middleware.close()
+
+
+def test_the_configuration_of_cyclone_chooses_interfaces_peers_and_index(
+    monkeypatch, own_domain_id
+):
+    uri = (
+        '<General><Interfaces><NetworkInterface name="lo"/></Interfaces>'
+        "<AllowMulticast>false</AllowMulticast></General><Tracing/>"
+        '<Discovery><ParticipantIndex>5</ParticipantIndex><Peers><Peer Address="127.0.0.1:7"/>'
+        "</Peers></Discovery>"
+    )
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
+    monkeypatch.setenv("CYCLONEDDS_URI", uri)
+    middleware = open_middleware("rtps")
+    notices = []
+    middleware.on_notice = notices.append
+    middleware.create_node(own_domain_id, "/", "node", localhost_only=True)
+    sockets = middleware._domains[own_domain_id]._sockets
+    port = locators.metatraffic_port(own_domain_id, 5)
+    assert sockets.unicast == [Locator(UDPV4, port, "127.0.0.1")]
+    assert Locator(UDPV4, 7, "127.0.0.1") in sockets.peers and not sockets.multicast
+    assert [text for text in notices if "leaves out Tracing" in text]
     middleware.close()
