@@ -10,6 +10,7 @@
 ``writer``          A writer's side: history, heartbeats, repetition.
 ``remote``          What is known of another participant, and where it may be sent to.
 ``outbox``          Datagrams from what endpoints send.
+``schedule``        Which endpoint or participant is due first.
 ``local``           Our writers and readers, and whether others match them.
 ``spdp``            Announcements of our participant.
 ``builtin``         Our endpoints of builtin topics.

@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 
 from ...qos import DurabilityPolicy, HistoryPolicy, QoSProfile
 from . import ids
-from .local import LocalReader, LocalWriter
+from .local import EndpointSchedule, LocalReader, LocalWriter
 from .outbox import Outbox
 from .parameters import EndpointData
 from .reader import Sample, StatefulReader
@@ -78,6 +78,7 @@ class BuiltinEndpoints:
         prefix: Our GUID prefix.
         fragment_size: Octets of a fragment.
         outbox: Where the writer's packets go.
+        schedule: Where both are scheduled.
         budget: For samples that are incomplete or early.
         deliver: Called with each sample received, again if it came before its turn.
         depth: Samples that the writer's history keeps; None: all.
@@ -89,6 +90,7 @@ class BuiltinEndpoints:
         prefix: bytes,
         fragment_size: int,
         outbox: Outbox,
+        schedule: EndpointSchedule,
         budget: OctetBudget,
         deliver: Callable[[Sample], None],
         depth: int | None = None,
@@ -103,11 +105,13 @@ class BuiltinEndpoints:
         history = StatefulWriter(
             guid, True, True, depth, fragment_size, _LIMIT, repeats=outbox.repeats
         )
+        history.on_change = schedule.touch
         self.writer = LocalWriter(outbox, EndpointData(guid, True, "", "", _QOS), history)
         guid = prefix + topic.reader
         # Fast DDS repeats what it announced before a match after 0.1 s only. What it announces then
         # must not wait for that; delivering it again puts right what was mixed up.
         received = StatefulReader(guid, True, True, accept, budget, on_early=deliver)
+        received.on_change = schedule.touch
         self.reader = LocalReader(EndpointData(guid, False, "", "", _QOS), received)
 
     def match(self, remote: RemoteParticipant, now: float) -> None:

@@ -10,7 +10,11 @@ from ..qos_matching import Mismatch, mismatches
 from .outbox import Outbox
 from .parameters import EndpointData
 from .reader import StatefulReader
+from .remote import RemoteParticipant
+from .schedule import Schedule
 from .writer import StatefulWriter
+
+EndpointSchedule = Schedule[StatefulWriter | StatefulReader | RemoteParticipant]
 
 
 class LocalWriter:

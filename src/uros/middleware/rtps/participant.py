@@ -19,7 +19,7 @@ from ..qos_matching import Mismatch
 from . import builtin, ids, parameters, sedp, submessages
 from .builtin import BuiltinEndpoints
 from .liveliness import LivelinessAssertion
-from .local import LocalReader, LocalWriter, lifespan, why_unmatched
+from .local import EndpointSchedule, LocalReader, LocalWriter, lifespan, why_unmatched
 from .locators import Locator
 from .outbox import Outbox
 from .parameters import EndpointData, ParticipantData
@@ -128,6 +128,7 @@ class Participant:
         self._announcer = ParticipantAnnouncer(data, now)
         self._now = now
         self._outbox = Outbox(prefix, self.remotes, message_size)
+        self._schedule = EndpointSchedule()
         self._publications = self._builtin(
             builtin.PUBLICATIONS, lambda sample: self._on_endpoint(sample, True)
         )
@@ -147,7 +148,14 @@ class Participant:
         depth: int | None = None,
     ) -> BuiltinEndpoints:
         made = BuiltinEndpoints(
-            topic, self._prefix, self._fragment_size, self._outbox, self._budget, deliver, depth
+            topic,
+            self._prefix,
+            self._fragment_size,
+            self._outbox,
+            self._schedule,
+            self._budget,
+            deliver,
+            depth,
         )
         self.writers[topic.writer] = made.writer
         self.readers[topic.reader] = made.reader
@@ -194,6 +202,7 @@ class Participant:
             is_manual=qos.liveliness == LivelinessPolicy.MANUAL_BY_TOPIC,
             lifespan=lifespan(qos), repeats=self._outbox.repeats,
         )  # fmt: skip
+        state.on_change = self._schedule.touch
         writer = self.writers[guid[ids.PREFIX_SIZE :]] = LocalWriter(self._outbox, data, state)
         if wants_header is not None:
             writer.wants_header = wants_header
@@ -213,6 +222,7 @@ class Participant:
         guid = self._new_guid(ids.KIND_READER_NO_KEY)
         data = EndpointData(guid, False, topic, type_name, qos)
         state = StatefulReader(guid, qos.reliable, qos.transient_local, deliver, self._budget)
+        state.on_change = self._schedule.touch
         reader = self.readers[guid[ids.PREFIX_SIZE :]] = LocalReader(data, state)
         sedp.announce(reader, self._subscriptions, now, wall_ns)
         for remote in self.remotes.values():
@@ -231,10 +241,12 @@ class Participant:
             return
         if isinstance(endpoint, LocalWriter):
             self._outbox.burst.discard(endpoint.state)
+            self._schedule.remove(endpoint.state)
             self._liveliness.remove(endpoint.data.qos)
             sedp.withdraw(endpoint, self._publications, now, wall_ns)
         else:
             endpoint.state.close()
+            self._schedule.remove(endpoint.state)
             sedp.withdraw(endpoint, self._subscriptions, now, wall_ns)
 
     def _new_guid(self, kind: int) -> bytes:
@@ -273,6 +285,7 @@ class Participant:
     def _forget(self, remote: RemoteParticipant) -> None:
         """Remove a participant with its endpoints."""
         self.remotes.pop(remote.prefix, None)
+        self._schedule.remove(remote)
         self._known.give_back(cost(remote.data), remote.prefix)
         for endpoint in remote.endpoints.values():
             self._known.give_back(cost(endpoint), remote.prefix)
@@ -334,6 +347,7 @@ class Participant:
                     remote = self.remotes.get(prefix)
                 elif remote is not None and remote.is_from(source):
                     remote.expires = now + remote.lease  # multicast announcements may be lost
+                    self._schedule.touch(remote)
                     if is_directed and isinstance(submessage, AckNack):
                         remote.is_proven = True  # it knows our prefix
                     if isinstance(submessage, AckNack | NackFrag):
@@ -423,6 +437,7 @@ class Participant:
             remote.hear(source)
             remote.lease = lease(announced)
             remote.expires = now + remote.lease
+            self._schedule.touch(remote)
             if remote.data != announced:
                 if not self._exchange(cost(remote.data), cost(announced), prefix):
                     return
@@ -435,6 +450,7 @@ class Participant:
         remote = self.remotes[prefix] = RemoteParticipant(announced, now)
         remote.hear(source)
         remote.received = octets
+        self._schedule.touch(remote)
         place = remote.place(announced.metatraffic_unicast)
         if place is not None:  # it need not wait for our next announcement
             message = self._announcer.announcement()
@@ -502,14 +518,8 @@ class Participant:
         deadline = self._announcer.due
         if self._liveliness.due is not None:
             deadline = min(deadline, self._liveliness.due)
-        for remote in self.remotes.values():
-            deadline = min(deadline, remote.expires)
-        states = [writer.state.next_deadline() for writer in self.writers.values()]
-        states += [reader.state.next_deadline() for reader in self.readers.values()]
-        for at in states:
-            if at is not None and at < deadline:
-                deadline = at
-        return deadline
+        due = self._schedule.next_deadline()
+        return deadline if due is None else min(deadline, due)
 
     def poll(self, now: float) -> None:
         """Do what is due: announcements, leases, heartbeats, acknowledgements; then flush."""
@@ -523,16 +533,19 @@ class Participant:
         if now - self._polled_at > _STOPPED:
             for remote in self.remotes.values():
                 remote.expires = max(remote.expires, now + _GRACE)
+                self._schedule.touch(remote)
         self._polled_at = now
-        for remote in [remote for remote in self.remotes.values() if remote.expires <= now]:
-            self._forget(remote)
-        writers = list(self.writers.values())
-        self._turn = (self._turn + 1) % len(writers)  # another one is the first to repeat samples
-        for writer in writers[self._turn :] + writers[: self._turn]:
-            self._outbox.add_packets(writer.state, writer.state.poll(now))
-        for reader in list(self.readers.values()):
-            for guid, octets in reader.state.poll(now):
-                self._outbox.add(guid, octets)
+        due = self._schedule.take_due(now)
+        self._turn += 1
+        first = self._turn % max(1, len(due))  # another one is the first to repeat samples
+        for item in due[first:] + due[:first]:
+            if isinstance(item, StatefulWriter):
+                self._outbox.add_packets(item, item.poll(now))
+            elif isinstance(item, StatefulReader):
+                for guid, octets in item.poll(now):
+                    self._outbox.add(guid, octets)
+            else:
+                self._forget(item)
         self.flush()
 
     def _announce(self, now: float) -> None:

@@ -129,6 +129,7 @@ class StatefulReader:
         reliable: Whether it asks for what is lost.
         writers: Its matched writers by GUID.
         malformed: Samples whose inline QoS was not valid, which were dropped.
+        on_change: Called with the reader when its deadline may have changed other than by a poll.
 
     Args:
         guid: Its GUID.
@@ -153,6 +154,7 @@ class StatefulReader:
         self.reliable = reliable
         self.writers: dict[bytes, WriterProxy] = {}
         self.malformed = 0
+        self.on_change: Callable[[StatefulReader], None] = lambda reader: None
         self._from_first = from_first
         self._deliver = deliver
         self._budget = budget
@@ -168,12 +170,14 @@ class StatefulReader:
         """Add a writer, or update the lifespan of its samples in seconds."""
         if guid not in self.writers:
             self.writers[guid] = WriterProxy(guid, reliable and self.reliable, now)
+            self.on_change(self)
         self.writers[guid].lifespan = lifespan
 
     def unmatch(self, guid: bytes) -> None:
         """Remove a writer with what is held of it; idempotent."""
         proxy = self.writers.pop(guid, None)
         if proxy is not None:
+            self.on_change(self)
             self._budget.give_back(proxy.held_octets, proxy.participant)
             for incomplete in proxy.incomplete.values():
                 incomplete.close()
@@ -277,6 +281,7 @@ class StatefulReader:
             return False
         if not is_new:
             return True
+        self.on_change(self)
         proxy.heartbeat_counter = heartbeat.counter
         proxy.asked = 0
         pending = None if proxy.expected is None else proxy.ack_at
@@ -323,6 +328,7 @@ class StatefulReader:
         if incomplete is not None:
             incomplete.highest = max(incomplete.highest, min(heartbeat.last, incomplete.last))
             proxy.ack_at = now
+            self.on_change(self)
 
     def _is_wanted(self, proxy: WriterProxy, number: int) -> bool:
         if proxy.expected is None:
@@ -414,6 +420,7 @@ class StatefulReader:
 
     def resume(self, now: float) -> None:
         """Deliver what had no room before, and ask for the rest; the caller has made room."""
+        self.on_change(self)
         for proxy in self.writers.values():
             if proxy.reliable and proxy.expected is not None:
                 self._deliver_held(proxy)

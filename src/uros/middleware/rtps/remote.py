@@ -73,6 +73,10 @@ class RemoteParticipant:
         self.is_proven = False
         self._sent = 0  # octets, until it is proven
 
+    def next_deadline(self) -> float:
+        """Return when it counts as gone."""
+        return self.expires
+
     def may_send(self, octets: int) -> bool:
         """Count octets to be sent; return whether they may.
 

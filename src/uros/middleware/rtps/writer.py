@@ -11,7 +11,7 @@ kept, was not for it, or is from before it matched, is answered by a GAP.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Final, NamedTuple
 
 from . import ids
@@ -170,6 +170,7 @@ class StatefulWriter:
         reliable: Whether it sends again what is lost.
         readers: Its matched readers by GUID.
         last: The last sequence number written; 0: none.
+        on_change: Called with the writer when its deadline may have changed other than by a poll.
 
     Args:
         guid: Its GUID.
@@ -200,6 +201,7 @@ class StatefulWriter:
         self.reliable = reliable
         self.readers: dict[bytes, ReaderProxy] = {}
         self.last = 0
+        self.on_change: Callable[[StatefulWriter], None] = lambda writer: None
         self._transient_local = transient_local
         self._depth = depth
         self._limit = limit
@@ -233,6 +235,7 @@ class StatefulWriter:
         """
         if guid in self.readers:
             return []
+        self.on_change(self)
         self._drop_expired(now)
         late = wants_history and self._transient_local and bool(self._history)
         first = next(iter(self._history)) if late else self.last + 1
@@ -254,6 +257,7 @@ class StatefulWriter:
     def unmatch(self, guid: bytes) -> None:
         """Remove a reader; idempotent."""
         if self.readers.pop(guid, None) is not None:
+            self.on_change(self)
             self._trim()
 
     def unmatch_participant(self, prefix: bytes) -> None:
@@ -262,6 +266,7 @@ class StatefulWriter:
         for guid in guids:
             del self.readers[guid]
         if guids:
+            self.on_change(self)
             self._trim()
 
     # --- samples --------------------------------------------------------------------------
@@ -314,6 +319,7 @@ class StatefulWriter:
         Returns:
             What is to be sent.
         """
+        self.on_change(self)
         self.last += 1
         change = Change(
             self.last, payload, inline_qos, time_ns, readers, is_key, with_header,
@@ -400,12 +406,14 @@ class StatefulWriter:
         """Return the samples that a late reader gets, oldest first."""
         if not self._transient_local:
             return []
+        self.on_change(self)
         self._drop_expired(now)
         return [change for change in self._history.values() if change.readers is None]
 
     def remove(self, number: int) -> None:
         """Drop a sample from the history; idempotent."""
         if number in self._history:
+            self.on_change(self)
             self._drop(number)
         self._expiring.discard(number)
 
@@ -436,6 +444,7 @@ class StatefulWriter:
             return
         elif now - proxy.behind_since < _RESTART_AFTER:
             return
+        self.on_change(self)
         proxy.acknack_counter = acknack.counter
         proxy.heard_at = now
         proxy.is_stalled = False
@@ -497,6 +506,7 @@ class StatefulWriter:
         elif nack.number <= self.last:
             proxy.requested.add(nack.number)  # what is gone is answered by a gap
         proxy.resend_at = proxy.resend_at or now
+        self.on_change(self)
 
     # --- what it sends -----------------------------------------------------------------------
 
@@ -505,8 +515,12 @@ class StatefulWriter:
         deadline = None
         if self._lifespan != math.inf and self._history:
             deadline = next(iter(self._history.values())).expires
+        is_full = self._is_full()
         for proxy in self.readers.values():
-            for at in (proxy.resend_at, proxy.heartbeat_at):
+            stalls_at = None
+            if is_full and proxy.reliable and not proxy.is_stalled and proxy.acked < self.last:
+                stalls_at = proxy.heard_at + _PATIENCE
+            for at in (proxy.resend_at, proxy.heartbeat_at, proxy.waits_until, stalls_at):
                 if at is not None and (deadline is None or at < deadline):
                     deadline = at
         return deadline
@@ -536,7 +550,7 @@ class StatefulWriter:
     def _give_up_stalled(self, now: float) -> None:
         """Keep the history no longer for readers that have not acknowledged for long."""
         for proxy in self.readers.values():
-            if proxy.acked < self.last and now - proxy.heard_at >= _PATIENCE:
+            if proxy.acked < self.last and now >= proxy.heard_at + _PATIENCE:
                 proxy.is_stalled = True
         self._trim()
 
