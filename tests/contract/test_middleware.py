@@ -68,8 +68,12 @@ class Network:
         self._foreign = None
 
     def node(self, name="node", domain=None):
+        return self._discovering(self.plain_node(name, domain))
+
+    def plain_node(self, name, domain=None):
+        """A node whose endpoints do not wait for discovery."""
         domain = self.domain if domain is None else domain
-        return self._discovering(self.middleware.create_node(domain, "/", name))
+        return self.middleware.create_node(domain, "/", name)
 
     def _discovering(self, node):
         """The node; where discovery goes over the network, its endpoints wait for it."""
@@ -207,14 +211,17 @@ class Inbox:
         self.samples.extend(self.reader.take(limit or self.limit))
 
 
-NETWORKS = ["memory", "memory-two", "dds", "dds-two", "rtps", "rtps-two", "auto"]
+NETWORKS = [
+    "memory", "memory-two", "dds", "dds-two", "rtps", "rtps-two", "rtps-dds", "dds-rtps", "auto"
+]  # fmt: skip
 if find_spec("rclpy") is not None:
     NETWORKS.append("ros2")
 
 
 @pytest.fixture(params=NETWORKS)
 def network(request, own_domain_id):
-    """``two``: the writers belong to another middleware of the same network."""
+    """``two``: the writers belong to another middleware of the same network, here of the same
+    kind; else to one of the kind named second."""
     name, _, other = request.param.partition("-")
     middlewares = [open_middleware(name)]
     if other == "two" and name == "memory":
@@ -275,6 +282,7 @@ def test_take_returns_at_most_the_limit_oldest_first(network):
     for sample in sent:
         writer.write(sample)
     network.until(lambda: inbox.calls)
+    network.settle(node)
     taken = [inbox.reader.take(2), inbox.reader.take(2), inbox.reader.take(2)]
     assert taken == [sent[:2], sent[2:4], sent[4:]]
     assert inbox.reader.take(2) == []
@@ -288,6 +296,7 @@ def test_keep_last_keeps_the_newest(network):
     for sample in sent:
         writer.write(sample)
     network.until(lambda: inbox.calls)
+    network.settle(node)
     assert inbox.reader.take(100) == sent[5:]
 
 
@@ -353,6 +362,7 @@ def test_a_reader_matches_only_a_writer_with_compatible_qos(network, offered, wa
     node = network.node()
     inbox = Inbox(node, "rt/chatter", qos=wanted)
     network.peer.create_writer("rt/chatter", TYPE, offered).write(cdr("abc"))
+    network.until(lambda: inbox.samples or not arrives)
     network.settle(node)
     assert inbox.samples == ([cdr("abc")] if arrives else [])
 
@@ -366,6 +376,7 @@ def test_types_match_by_name(network):
         return
     int32_inbox = Inbox(node, "rt/chatter", "std_msgs::msg::dds_::Int32_")
     network.peer.create_writer("rt/chatter", TYPE, QoSProfile()).write(cdr("abc"))
+    network.until(lambda: same.samples)
     network.settle(node)
     assert (same.samples, int32_inbox.samples) == ([cdr("abc")], [])
 
@@ -374,6 +385,7 @@ def test_topics_match_by_name(network):
     node = network.node()
     inbox, inbox2 = Inbox(node, "rt/chatter"), Inbox(node, "rt/chatter2")
     network.peer.create_writer("rt/chatter", TYPE, QoSProfile()).write(cdr("abc"))
+    network.until(lambda: inbox.samples)
     network.settle(node)
     assert (inbox.samples, inbox2.samples) == ([cdr("abc")], [])
 
@@ -744,6 +756,7 @@ def test_a_node_closes_only_its_own_endpoints(network):
     network.peer.create_writer("rt/chatter", TYPE, QoSProfile()).write(cdr("abc"))
     late = Inbox(staying, "rt/map", qos=TRANSIENT_LOCAL)
     Caller(network.peer).requester.request(request("one-one"))
+    network.until(lambda: inbox.samples)
     network.settle(staying)
     assert inbox.samples == [cdr("abc")]
     assert (closed_inbox.samples, late.samples, server.requests, caller.replies) == ([], [], [], [])
@@ -752,16 +765,16 @@ def test_a_node_closes_only_its_own_endpoints(network):
 
 
 def test_endpoints_that_come_and_go_leak_no_memory(network):
-    node = network.node()
+    node, plain = network.node(), network.plain_node("plain")
     process = psutil.Process()
 
     def come_and_go(times):
         for i in range(times):
-            visitor = network.node(f"node{i}")
+            visitor = network.plain_node(f"node{i}")
             topic = f"rt/topic{i % 7}"
             writer = visitor.create_writer(topic, TYPE, QoSProfile())
             inbox = Inbox(visitor, topic)
-            caller, server = Caller(node), Server(visitor)
+            caller, server = Caller(plain), Server(visitor)
             writer.write(cdr("abc"))
             for endpoint in (caller.requester, server.replier, writer, inbox.reader):
                 endpoint.close()

@@ -107,6 +107,9 @@ _create_topic_sertype = function(
 _sertype_ref = function("ddsi_sertype_ref", _void_p, _void_p)
 _sertype_unref = function("ddsi_sertype_unref", None, _void_p)
 _set_status_mask = function("dds_set_status_mask", _int32, _int32, ctypes.c_uint32)
+_get_status_changes = function(
+    "dds_get_status_changes", _int32, _int32, ctypes.POINTER(ctypes.c_uint32)
+)
 _take_status = function(
     "dds_take_status", _int32, _int32, ctypes.POINTER(ctypes.c_uint32), ctypes.c_uint32
 )
@@ -272,6 +275,13 @@ def wake_on(endpoint: int, status: int) -> None:
 def reset(endpoint: int, status: int) -> None:
     """Reset a status, so that its next change wakes the waitset."""
     _take_status(endpoint, ctypes.byref(ctypes.c_uint32()), status)
+
+
+def has_changed(endpoint: int, status: int) -> bool:
+    """Return whether a status has changed since it was read or reset."""
+    changes = ctypes.c_uint32()
+    check(_get_status_changes(endpoint, ctypes.byref(changes)), "ask for an endpoint's status")
+    return bool(changes.value & status)
 
 
 def matched_writers(reader: int) -> set[int]:

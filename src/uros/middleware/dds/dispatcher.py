@@ -85,16 +85,21 @@ class Dispatcher:
         """
         cyclone.wake_on(listener.entity, cyclone.STATUS_SUBSCRIPTION_MATCHED)
         listener.local_only = True
-        self._has_remote_writers(listener)
-        self.written([listener])  # the history of our transient-local writers
+        self._has_remote_samples(listener)
+        if cyclone.has_changed(listener.entity, cyclone.STATUS_DATA_AVAILABLE):
+            self.written([listener])  # the history of our transient-local writers
 
-    def _has_remote_writers(self, listener: ReaderListener) -> bool:
-        """Return whether writers of others match a reader; if so, it stops being local."""
+    def _has_remote_samples(self, listener: ReaderListener) -> bool:
+        """Return whether a local reader has samples of others.
+
+        As soon as writers of others match it, it stops being local, and samples that come later
+        wake the waiting thread.
+        """
         if cyclone.matched_writers(listener.entity) <= self.own_writers:
             return False
         listener.local_only = False
         cyclone.wake_on(listener.entity, cyclone.STATUS_DATA_AVAILABLE)
-        return True
+        return cyclone.has_changed(listener.entity, cyclone.STATUS_DATA_AVAILABLE)
 
     def unwatch(self, listener: ReaderListener) -> None:
         """Take a listener out of the waitset; idempotent."""
@@ -132,7 +137,7 @@ class Dispatcher:
         failed = self._dispatch_written()
         for key in ready:
             listener = self._listeners.get(key)
-            if listener is None or (listener.local_only and not self._has_remote_writers(listener)):
+            if listener is None or (listener.local_only and not self._has_remote_samples(listener)):
                 continue
             if not listener.paused:
                 failed = self._notify(listener) or failed

@@ -450,8 +450,8 @@ class StatefulWriter:
         proxy.is_stalled = False
         if proxy.acked >= proxy.first >= acknack.base:
             self._restart(proxy)
-        if proxy.waits_until is not None:
-            self._begin(proxy, now)
+        if proxy.waits_until is not None and (acknack.final or acknack.missing):
+            self._begin(proxy, now)  # else it asks for a heartbeat: it may know of none yet
         acked = min(acknack.base - 1, self.last)
         if acked > proxy.acked:
             proxy.acked = acked

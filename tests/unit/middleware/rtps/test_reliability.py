@@ -330,6 +330,25 @@ def test_sequence_numbers_go_beyond_32_bits():
     assert end.numbers == list(range(2**32 - 4, 2**32 + 6))
 
 
+def test_samples_follow_the_answer_to_a_heartbeat_and_not_a_readers_question():
+    """Cyclone takes the first heartbeat that comes for the end of what a volatile reader missed."""
+    link, end = Link(), End()
+    link.writer.match(end.guid, True, False, link.now)  # the reader does not know the writer yet
+    link.write(payload(1))
+    link.writer.on_acknack(end.guid, AckNack(b"", b"", 1, (), 1, False), link.now)
+    packets = list(link.writer.poll(link.now))
+    (question,) = [
+        submessage
+        for packet in packets
+        for submessage in submessages.read(
+            memoryview(submessages.header(bytes(12)) + packet.submessages)
+        )
+    ]
+    assert isinstance(question, Heartbeat) and (question.first, question.last) == (1, 0)
+    link.writer.on_acknack(end.guid, AckNack(b"", b"", 1, (), 2, True), link.now)
+    assert any(packet.time_ns is not None for packet in link.writer.poll(link.now))  # has DATA
+
+
 def test_heartbeats_of_a_reader_that_does_not_answer_become_seldom():
     link = Link()
     end = End()
