@@ -353,8 +353,8 @@ class Participant:
                     if isinstance(submessage, AckNack | NackFrag):
                         self._answer_to(remote, submessage, answers_to)
                     if not self._dispatch(remote, submessage, now):
-                        self._forget(remote)  # until its next announcement
-                        remote = None
+                        self._begin_anew(remote, source, now)
+                        remote = self.remotes.get(prefix)
         except MalformedError:
             self.malformed += 1
 
@@ -381,9 +381,8 @@ class Participant:
             if writer is not None:
                 guid = remote.prefix + submessage.reader
                 if isinstance(submessage, AckNack):
-                    writer.state.on_acknack(guid, submessage, now)
-                else:
-                    writer.state.on_nack_frag(guid, submessage, now)
+                    return writer.state.on_acknack(guid, submessage, now)
+                writer.state.on_nack_frag(guid, submessage, now)
             return True
         if not isinstance(submessage, Data | DataFrag | Heartbeat | HeartbeatFrag | Gap):
             return True
@@ -397,6 +396,8 @@ class Participant:
             named = self.readers.get(submessage.reader)
             readers = [] if named is None else [named.state]
         for reader in readers:
+            if isinstance(submessage, Data | DataFrag):
+                is_same &= reader.is_continued(guid, submessage.number, now)
             if isinstance(submessage, Data):
                 reader.on_data(
                     guid, submessage.number, submessage.payload, submessage.inline_qos,
@@ -445,8 +446,15 @@ class Participant:
                 self._match_builtin(remote, now)
                 self.on_participant(announced, True)
             return
+        self._meet(announced, source, octets, now)
+
+    def _meet(
+        self, announced: ParticipantData, source: str, octets: int, now: float
+    ) -> RemoteParticipant | None:
+        """Add a participant that is heard first, if there is room for it."""
+        prefix = announced.guid[: ids.PREFIX_SIZE]
         if not self._has_place(source, now) or not self._known.take(cost(announced), prefix):
-            return
+            return None
         remote = self.remotes[prefix] = RemoteParticipant(announced, now)
         remote.hear(source)
         remote.received = octets
@@ -458,6 +466,14 @@ class Participant:
                 self._outbox.datagrams.append((message, place))
         self._match_builtin(remote, now)
         self.on_participant(announced, True)
+        return remote
+
+    def _begin_anew(self, remote: RemoteParticipant, source: str, now: float) -> None:
+        """Forget what is known of a participant that was restarted, or had forgotten us."""
+        self._forget(remote)
+        again = self._meet(remote.data, source, 0, now)
+        if again is not None:
+            again.is_proven = remote.is_proven
 
     def _exchange(self, before: int, after: int, holder: bytes) -> bool:
         """Account for what is known anew; False where a participant would know too much."""

@@ -41,7 +41,8 @@ _MAX_NOTED: Final = 256
 # repeated by the next heartbeat after a pause, which doubles; seconds.
 _PAUSE_FIRST: Final = 0.005
 _PAUSE_LAST: Final = 0.5
-# A writer whose heartbeats are behind what came from it, for so many seconds, has begun anew.
+# A writer whose heartbeats, or best-effort samples, are behind what came from it for so long has
+# begun anew; seconds.
 _RESTART_AFTER: Final = 1.0
 # A writer that does not answer the first acknowledgement with a heartbeat is asked again, after
 # these seconds; Fast DDS repeats its own after 3.
@@ -230,6 +231,22 @@ class StatefulReader:
                 return
         octets = None if payload is None else unpadded(bytes(payload))
         self._accept(proxy, Sample(octets, writer, number, qos, is_key, now + proxy.lifespan))
+
+    def is_continued(self, writer: bytes, number: int, now: float) -> bool:
+        """Return whether a sample's number is not one of a best-effort writer that began anew.
+
+        Of reliable writers the heartbeats tell.
+        """
+        proxy = self.writers.get(writer)
+        if proxy is None or proxy.reliable:
+            return True
+        if proxy.expected is None or number >= proxy.expected:
+            proxy.behind_since = None
+        elif proxy.behind_since is None:
+            proxy.behind_since = now
+        else:
+            return now - proxy.behind_since < _RESTART_AFTER
+        return True
 
     def on_fragments(self, writer: bytes, fragment: DataFrag, now: float) -> None:
         """Handle DATA_FRAG of a matched writer; of another it is dropped."""

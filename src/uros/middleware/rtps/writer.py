@@ -432,24 +432,29 @@ class StatefulWriter:
 
     # --- what comes -----------------------------------------------------------------------
 
-    def on_acknack(self, reader: bytes, acknack: AckNack, now: float) -> None:
-        """Handle ACKNACK of a matched reader; one that comes late is dropped."""
+    def on_acknack(self, reader: bytes, acknack: AckNack, now: float) -> bool:
+        """Handle ACKNACK of a matched reader; one that comes late is dropped.
+
+        Returns:
+            False where the reader has begun anew: its participant was restarted, or has forgotten
+            this writer meanwhile.
+        """
         proxy = self.readers.get(reader)
         if proxy is None or not proxy.reliable:
-            return
+            return True
         if is_newer(acknack.counter, proxy.acknack_counter):
             proxy.behind_since = None
         elif proxy.behind_since is None:
             proxy.behind_since = now
-            return
+            return True
         elif now - proxy.behind_since < _RESTART_AFTER:
-            return
+            return True
+        if proxy.acked >= proxy.first >= acknack.base:
+            return False
         self.on_change(self)
         proxy.acknack_counter = acknack.counter
         proxy.heard_at = now
         proxy.is_stalled = False
-        if proxy.acked >= proxy.first >= acknack.base:
-            self._restart(proxy)
         if proxy.waits_until is not None and (acknack.final or acknack.missing):
             self._begin(proxy, now)  # else it asks for a heartbeat: it may know of none yet
         acked = min(acknack.base - 1, self.last)
@@ -470,14 +475,7 @@ class StatefulWriter:
             self._schedule_heartbeat(proxy, now)
         if not acknack.final and not asked:
             proxy.heartbeat_at = now  # it asks what there is
-
-    def _restart(self, proxy: ReaderProxy) -> None:
-        """Forget what a reader has: it has forgotten this writer meanwhile, and begins anew."""
-        proxy.behind_since = None
-        proxy.nack_frag_counter = None
-        proxy.acked = proxy.first - 1
-        proxy.requested.clear()
-        proxy.fragments.clear()
+        return True
 
     def _begin(self, proxy: ReaderProxy, now: float) -> None:
         """Send a reader all that is for it."""
