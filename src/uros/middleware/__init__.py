@@ -6,6 +6,7 @@ each lives in a module or package of its own that is imported only when asked fo
 ==================  ==========================================================================
 ``base``            The contract of a middleware: nodes, endpoints, services, QoS and errors.
 ``qos_matching``    Finds the QoS policies that keep a writer and a reader from matching.
+``domains``         Checks before a domain is joined.
 ``graph``           What a middleware knows of the ROS graph, by DDS names.
 ``memory``          A network inside this process, for tests and examples.
 ``ced``             The same, with any text as a name, as the CED middleware of the C++ agent.
@@ -15,6 +16,8 @@ each lives in a module or package of its own that is imported only when asked fo
 ``auto``            The agent's default: topics over ``dds``, services over ``rtps``.
 ``services``        What the middlewares share for services.
 ``discovery_info``  The ``ros_discovery_info`` topic: its format, its limits and its Gid size.
+``sample_queue``    Samples that wait in a reader.
+``paced_call``      A call after changes, at most once a second.
 ``type_conflicts``  Finds topics whose endpoints have different types.
 ``environment``     ROS 2's environment variables for the domain and the discovery range.
 ``cyclonedds_uri``  Cyclone's configuration in CYCLONEDDS_URI, and what rtps reads of it.

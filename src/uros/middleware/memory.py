@@ -11,7 +11,6 @@ import itertools
 import threading
 from collections import deque
 from collections.abc import Callable
-from itertools import islice
 from typing import TypeVar
 
 from ..qos import HistoryPolicy, QoSProfile
@@ -28,6 +27,7 @@ from .base import (
     Writer,
     check_domain,
 )
+from .sample_queue import SampleQueue
 from .wakeup_fd import WakeupFd
 
 _Endpoint = TypeVar("_Endpoint")
@@ -124,8 +124,7 @@ class MemoryReader(Reader):
         self._middleware = node.middleware
         self._key = key
         depth = None if qos.history == HistoryPolicy.KEEP_ALL else qos.depth
-        self._samples: deque[bytes] = deque(maxlen=depth)
-        self._unreported = 0  # the newest of them, whose sizes were not asked for
+        self._samples: SampleQueue[bytes] = SampleQueue(depth, len)
         bus = self._middleware.bus
         with bus.lock:
             bus.readers.setdefault(key, []).append(self)
@@ -145,8 +144,7 @@ class MemoryReader(Reader):
 
     def put(self, sample: bytes) -> None:
         """Store a sample; called with the bus locked, from any thread."""
-        self._samples.append(sample)
-        self._unreported += 1
+        self._samples.put(sample)
         if not self.announced:
             self._middleware.mark(self)
 
@@ -154,20 +152,13 @@ class MemoryReader(Reader):
         """Take samples, oldest first."""
         with self._middleware.bus.lock:
             self.announced = False
-            samples = [self._samples.popleft() for _ in range(min(limit, len(self._samples)))]
-            self._unreported = min(self._unreported, len(self._samples))
-            return samples
+            return [self._samples.take() for _ in range(min(limit, len(self._samples)))]
 
     def arrived(self, limit: int) -> list[int]:
         """Return the octets of samples that have arrived and were not asked for before."""
         with self._middleware.bus.lock:
             self.announced = False
-            count = len(self._samples)
-            unreported = min(self._unreported, count)
-            reported = min(unreported, limit)
-            self._unreported = unreported - reported
-            first = count - unreported
-            return [len(sample) for sample in islice(self._samples, first, first + reported)]
+            return self._samples.arrived(limit)
 
     def again(self) -> None:
         """Have ``on_ready`` called once more."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable
-from typing import Final
 
 from ..base import Middleware, MiddlewareError, check_domain
 from ..discovery_info.gid_size import configured_gid_size
+from ..domains import check_loopback, check_number_joined
 from ..environment import discovery_range
 from ..wakeup_fd import WakeupFd
 from . import config, cyclone
@@ -16,11 +16,6 @@ from .context import DdsContext
 from .domain import DdsDomain
 from .node import DdsNode
 from .paced_discovery import PacedDiscovery
-
-# The most domains, because boards could have a node in each of the 233. A domain costs five threads
-# and six descriptors, and is open until the agent ends; 1024 descriptors are the usual limit of a
-# process.
-MAX_DOMAINS: Final = 32
 
 
 class DdsMiddleware(Middleware):
@@ -59,23 +54,17 @@ class DdsMiddleware(Middleware):
             MiddlewareError: The domain cannot be joined, or not on loopback alone.
         """
         check_domain(domain)
-        if localhost_only and not config.stays_on_loopback(self._environment):
-            raise MiddlewareError(
-                "a client wants a participant that never leaves this machine, and domain"
-                f" {domain} is open to the network: start the agent with"
-                " ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST, and without other interfaces in"
-                " CYCLONEDDS_URI"
-            )
+        if localhost_only:
+            check_loopback(
+                domain, config.stays_on_loopback(self._environment),
+                ", and without other interfaces in CYCLONEDDS_URI",
+            )  # fmt: skip
         return DdsNode(self.context, self._domain(domain), namespace, name)
 
     def _domain(self, number: int) -> DdsDomain:
         domain = self._domains.get(number)
         if domain is None:
-            if len(self._domains) >= MAX_DOMAINS:
-                raise MiddlewareError(
-                    f"domain {number} would be one more than the {MAX_DOMAINS} that this agent may"
-                    " join: let it have an agent of its own"
-                )
+            check_number_joined(number, self._domains)
             try:
                 cyclone.open_domain(number, config.config_xml(self._environment, os.getpid()))
             except MiddlewareError as error:

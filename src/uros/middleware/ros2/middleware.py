@@ -6,7 +6,8 @@ import os
 from typing import Any
 
 from ...qos import QoSProfile
-from ..base import Middleware, MiddlewareError, Node, OnReady, Service, check_domain
+from ..base import Middleware, Node, OnReady, Service, check_domain
+from ..domains import check_loopback
 from ..environment import discovery_range
 from ..wakeup_fd import WakeupFd
 from . import rcl
@@ -93,12 +94,8 @@ class Ros2Middleware(Middleware):
             MiddlewareError: The domain cannot be joined, or not on loopback alone.
         """
         check_domain(domain)
-        if localhost_only and discovery_range(os.environ) != "LOCALHOST":
-            raise MiddlewareError(
-                "a client wants a participant that never leaves this machine, and domain"
-                f" {domain} is open to the network: start the agent with"
-                " ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
-            )
+        if localhost_only:
+            check_loopback(domain, discovery_range(os.environ) == "LOCALHOST")
         if domain not in self._domains:
             self._domains[domain] = RosDomain(domain, self._wakeup)
         return Ros2Node(self, self._domains[domain], namespace, name)

@@ -6,16 +6,19 @@ Endpoints of this process that match are joined directly: nothing of theirs goes
 from __future__ import annotations
 
 import time
-from collections import deque
 from collections.abc import Callable
-from itertools import islice
 from typing import Protocol
 
 from ...qos import HistoryPolicy, QoSProfile
 from ..base import MAX_PAST, Bytes, OnReady, Reader, Writer
+from ..sample_queue import SampleQueue
 from .local import LocalReader, LocalWriter, lifespan, why_unmatched
 from .parameters import EndpointData, InlineQos, write_related_identity
 from .reader import Sample
+
+
+def _size(sample: Sample) -> int:
+    return len(sample.payload or b"")
 
 
 def _nothing() -> None:
@@ -154,7 +157,7 @@ class RtpsReader(Reader):
     """
 
     __slots__ = (
-        "_depth", "_domain", "_samples", "_unreported", "_was_full", "is_announced", "is_open",
+        "_depth", "_domain", "_samples", "_was_full", "is_announced", "is_open",
         "local", "on_close", "on_ready",
     )  # fmt: skip
 
@@ -166,8 +169,7 @@ class RtpsReader(Reader):
         self.on_close: Callable[[], None] = _nothing
         self.is_announced = False
         self._depth = None if qos.history == HistoryPolicy.KEEP_ALL else max(1, qos.depth)
-        self._samples: deque[Sample] = deque(maxlen=self._depth)
-        self._unreported = 0  # the newest of them, whose sizes were not asked for
+        self._samples: SampleQueue[Sample] = SampleQueue(self._depth, _size)
         self._was_full = False
         self.local = domain.create_local_reader(topic, type_name, qos, self._deliver)
         self.is_open = True
@@ -190,8 +192,7 @@ class RtpsReader(Reader):
 
     def put(self, sample: Sample) -> None:
         """Store a sample."""
-        self._samples.append(sample)
-        self._unreported += 1
+        self._samples.put(sample)
         if not self.is_announced:
             self.is_announced = True
             self._domain.ready(self)
@@ -204,10 +205,9 @@ class RtpsReader(Reader):
         now = time.monotonic()
         samples: list[Sample] = []
         while self._samples and len(samples) < limit:
-            sample = self._samples.popleft()
+            sample = self._samples.take()
             if sample.expires > now:
                 samples.append(sample)
-        self._unreported = min(self._unreported, len(self._samples))
         if self._was_full and len(self._samples) < MAX_PAST:
             self._was_full = False
             self.local.state.resume(now)
@@ -220,14 +220,7 @@ class RtpsReader(Reader):
     def arrived(self, limit: int) -> list[int]:
         """Return the octets of samples that have arrived and were not asked for before."""
         self.is_announced = False
-        count = len(self._samples)
-        unreported = min(self._unreported, count)
-        reported = min(unreported, limit)
-        self._unreported = unreported - reported
-        first = count - unreported
-        return [
-            len(sample.payload or b"") for sample in islice(self._samples, first, first + reported)
-        ]
+        return self._samples.arrived(limit)
 
     def again(self) -> None:
         """Have ``on_ready`` called once more."""

@@ -1,30 +1,24 @@
-"""The graph of a domain with rate-limited changes: a starting node makes dozens in a moment."""
+"""The graph of a domain, with rate-limited changes."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterable, Mapping
-from typing import Final
 
 from ..discovery_info.codec import NodeEntities
+from ..paced_call import PacedCall
 from .domain import RtpsDomain
 from .parameters import EndpointData
 
-# Seconds from the first change to the call, and between two calls. Boards get the whole graph at
-# every change, some on a line of 11 kB a second.
-_SETTLE: Final = 0.1
-_INTERVAL: Final = 1.0
-
 
 class RtpsGraph:
-    """What is known of a domain; it calls ``on_change`` at most once a second.
+    """What is known of a domain.
 
     Attributes:
-        due: When :meth:`tick` calls ``on_change`` (``time.monotonic``), or None.
+        paced: Calls ``on_change``.
 
     Args:
         domain: The domain.
-        on_change: Called after changes, from :meth:`tick`.
+        on_change: Called after changes, from ``paced.tick``.
         on_close: Called when it is closed.
     """
 
@@ -34,12 +28,11 @@ class RtpsGraph:
         on_change: Callable[[], None],
         on_close: Callable[[RtpsGraph], None],
     ) -> None:
-        self.due: float | None = time.monotonic() + _SETTLE
+        self.paced = PacedCall(on_change)
+        self.paced.changed()
         self._domain = domain
-        self._on_change = on_change
         self._on_close = on_close
-        self._called_at = 0.0
-        domain.watchers.append(self._changed)
+        domain.watchers.append(self.paced.changed)
 
     @property
     def participants(self) -> Mapping[bytes, bytes]:
@@ -57,19 +50,9 @@ class RtpsGraph:
         info = self._domain.info
         return {} if info is None else info.announced()
 
-    def _changed(self) -> None:
-        if self.due is None:
-            self.due = max(time.monotonic() + _SETTLE, self._called_at + _INTERVAL)
-
-    def tick(self, now: float) -> None:
-        """Call ``on_change``."""
-        self.due = None
-        self._called_at = now
-        self._on_change()
-
     def close(self) -> None:
         """Stop watching; idempotent."""
-        self.due = None
-        if self._changed in self._domain.watchers:
-            self._domain.watchers.remove(self._changed)
+        self.paced.due = None
+        if self.paced.changed in self._domain.watchers:
+            self._domain.watchers.remove(self.paced.changed)
             self._on_close(self)

@@ -6,10 +6,10 @@ import os
 import selectors
 import time
 from collections.abc import Callable
-from typing import Final
 
 from ..base import Middleware, MiddlewareError, check_domain
 from ..discovery_info.node_entry import NodeEntry
+from ..domains import check_loopback, check_number_joined
 from ..environment import discovery_range
 from ..wakeup_fd import WakeupFd
 from . import network
@@ -17,10 +17,6 @@ from .domain import RtpsDomain
 from .endpoints import RtpsReader
 from .graph import RtpsGraph
 from .node import RtpsNode
-
-# Attack: a node in each of the 233 domains. Each costs some sockets; 1024 descriptors are the usual
-# limit of a process.
-MAX_DOMAINS: Final = 32
 
 
 class RtpsMiddleware(Middleware):
@@ -85,23 +81,17 @@ class RtpsMiddleware(Middleware):
 
     def _join(self, domain: int, localhost_only: bool) -> RtpsDomain:
         check_domain(domain)
-        if localhost_only and not network.stays_local(self._environment, domain):
-            raise MiddlewareError(
-                "a client wants a participant that never leaves this machine, and domain"
-                f" {domain} is open to the network: start the agent with"
-                " ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST, and without peers or interfaces of"
-                " others in ROS_STATIC_PEERS and CYCLONEDDS_URI"
-            )
+        if localhost_only:
+            check_loopback(
+                domain, network.stays_local(self._environment, domain),
+                ", and without other peers and interfaces in ROS_STATIC_PEERS and CYCLONEDDS_URI",
+            )  # fmt: skip
         return self._domain(domain)
 
     def _domain(self, number: int) -> RtpsDomain:
         domain = self._domains.get(number)
         if domain is None:
-            if len(self._domains) >= MAX_DOMAINS:
-                raise MiddlewareError(
-                    f"domain {number} would be one more than the {MAX_DOMAINS} that this agent may"
-                    " join: let it have an agent of its own"
-                )
+            check_number_joined(number, self._domains)
             domain = RtpsDomain(self, number, self._environment, self._announces_nodes)
             self._domains[number] = domain
             for fileno in domain.filenos():
@@ -154,7 +144,7 @@ class RtpsMiddleware(Middleware):
     def next_deadline(self) -> float | None:
         """Return when :meth:`tick` has work (``time.monotonic``), or None."""
         deadlines = [domain.next_deadline() for domain in self._domains.values()]
-        deadlines += [graph.due for graph in self._graphs]
+        deadlines += [graph.paced.due for graph in self._graphs]
         return min((at for at in deadlines if at is not None), default=None)
 
     def tick(self) -> None:
@@ -163,8 +153,8 @@ class RtpsMiddleware(Middleware):
             domain.tick()
         now = time.monotonic()
         for graph in list(self._graphs):
-            if graph.due is not None and graph.due <= now:
-                graph.tick(now)
+            if graph.paced.due is not None and graph.paced.due <= now:
+                graph.paced.tick(now)
 
     def close(self) -> None:
         """Leave all domains; idempotent."""

@@ -192,27 +192,17 @@ def test_the_graph_lists_only_existing_entities_in_order():
     assert ros_graph.ros_nodes(network) == [GraphNode("/", "a", ()), GraphNode("/", "z", ())]
 
 
-def test_a_service_over_ros2_is_listed_once_as_the_boards():
-    """The auto middleware has a hidden node for the service; its endpoints count as the board's."""
+def test_endpoints_of_another_participant_belong_to_the_node_that_lists_them():
+    """With auto a board's services are endpoints of a participant that has no node."""
     network = Network()
     serve = ("r", "rq/serveRequest", SET + "Request_"), ("w", "rr/serveReply", SET + "Response_")
     board = network.announced[network.node("/ns", "gate", ("w", "rt/out", STRING))][0]
-    (twin,) = network.announced[network.node("/ns", "_gate", *serve)]
-    board.readers, board.writers = list(twin.readers), board.writers + twin.writers
-    network.node(
-        "/ns", "_ros2cli_7", ("r", "rt/out", STRING)
-    )  # hidden; discovery reports its endpoints
-    network.node("/", "_gate", ("r", "rt/in", STRING))
-    network.node("/ns", "_out", ("r", "rt/in", STRING))
-    network.node("/ns", "out", ("r", "rt/in", STRING))
-    entities = {(node.namespace, node.name): [end.name for end in node.entities]
-             for node in ros_graph.ros_nodes(network)}  # fmt: skip
-    assert entities == {
-        ("/ns", "gate"): ["/out", "/serve"], ("/ns", "_ros2cli_7"): ["/out"],
-        ("/", "_gate"): ["/in"], ("/ns", "_out"): ["/in"], ("/ns", "out"): ["/in"],
-    }  # fmt: skip
-    twin.readers, twin.writers = [], []  # its last service is gone, the node still exists
-    assert ("/ns", "_gate") not in {node[:2] for node in ros_graph.ros_nodes(network)}
+    services = network.node("/ns", "services", *serve)
+    (listed,) = network.announced[services]
+    board.readers, board.writers = listed.readers, board.writers + listed.writers
+    network.announced[services] = []
+    (node,) = ros_graph.ros_nodes(network)
+    assert [end.name for end in node.entities] == ["/out", "/serve"]
 
 
 def test_names_that_a_c_client_cannot_read_are_left_out():

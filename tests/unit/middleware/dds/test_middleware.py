@@ -2,7 +2,7 @@
 
 import pytest
 
-from uros.middleware import open_middleware
+from uros.middleware import domains, open_middleware
 from uros.middleware.base import MiddlewareError
 from uros.middleware.dds import cyclone, participant
 from uros.middleware.dds import middleware as module
@@ -62,7 +62,7 @@ def test_domains_do_not_share(middleware, own_domain_id, domain_id):
 
 
 def test_the_number_of_domains_is_limited(middleware, own_domain_id, domain_id, monkeypatch):
-    monkeypatch.setattr(module, "MAX_DOMAINS", 1)
+    monkeypatch.setattr(domains, "MAX_JOINED", 1)
     middleware.create_node(own_domain_id, "/", "one")
     with pytest.raises(MiddlewareError, match="one more than the 1 that this agent may join"):
         middleware.create_node(domain_id, "/", "other")

@@ -6,7 +6,6 @@ import time
 import pytest
 
 from uros.middleware.base import MiddlewareError
-from uros.middleware.dds import paced_discovery
 from uros.middleware.dds.middleware import DdsMiddleware
 from uros.middleware.graph import living_nodes
 from uros.middleware.memory import MemoryMiddleware
@@ -61,27 +60,6 @@ def test_nodes_appear_and_leave(middleware, own_domain_id):
     graph.close()
     graph.close()
     assert graph not in middleware.context.schedule
-
-
-def test_all_changes_of_a_second_cause_one_call(middleware, own_domain_id, monkeypatch):
-    class Clock:
-        now = 1000.0
-
-        def monotonic(self):
-            return self.now
-
-    monkeypatch.setattr(paced_discovery, "time", Clock())
-    calls = []
-    graph = middleware.graph(own_domain_id, lambda: calls.append(Clock.now))
-    assert graph.due is None
-    for _ in range(300):  # three seconds of changes, every 10 ms
-        graph._changed()
-        if graph.due <= Clock.now:
-            graph.tick(Clock.now)
-        Clock.now += 0.01
-    assert len(calls) == 3
-    assert calls[0] == pytest.approx(1000.1, abs=0.02)
-    assert [round(b - a, 1) for a, b in zip(calls, calls[1:], strict=False)] == [1.0, 1.0]
 
 
 def test_two_graphs_of_one_domain_and_one_of_another_are_independent(
