@@ -59,7 +59,7 @@ def test_nodes_appear_and_leave(middleware, own_domain_id):
     serve(middleware, lambda: changes and not living_nodes(graph))
     graph.close()
     graph.close()
-    assert graph not in middleware.context.schedule
+    assert graph._paced not in middleware.context.schedule
 
 
 def test_two_graphs_of_one_domain_and_one_of_another_are_independent(
