@@ -73,6 +73,11 @@ class Network:
         raise AssertionError("it does not happen")
 
 
+def is_acknowledged(writer):
+    """Whether all reliable readers of the state of a writer have everything."""
+    return all(proxy.acked >= writer.last for proxy in writer.readers.values() if proxy.reliable)
+
+
 class Inbox:
     def __init__(self, network, member, topic="rt/chatter", type_name=TYPE, qos=None):
         self.samples = []

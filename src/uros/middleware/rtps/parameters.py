@@ -109,6 +109,11 @@ class EndpointData:
     expects_inline_qos: bool = False
     representations: tuple[int, ...] = (ids.XCDR1,)
 
+    def is_of_same(self, other: EndpointData) -> bool:
+        """Return whether both are writers, or readers, of one topic and type."""
+        ours = self.is_writer, self.topic, self.type_name
+        return ours == (other.is_writer, other.topic, other.type_name)
+
     @property
     def participant(self) -> bytes:
         """The GUID of its participant."""

@@ -106,6 +106,8 @@ class Participant:
         self.writers: dict[bytes, LocalWriter] = {}
         self.readers: dict[bytes, LocalReader] = {}
         self.malformed = 0
+        # All but the builtin ones, by topic: a datagram must not cost more with more endpoints.
+        self._by_topic: dict[str, list[LocalWriter | LocalReader]] = {}
         self.on_participant: Callable[[ParticipantData, bool], None] = lambda data, is_there: None
         self.on_endpoint: Callable[[EndpointData, bool], None] = lambda data, is_there: None
         self.on_mismatch: Callable[[EndpointData, EndpointData, list[Mismatch]], None] = (
@@ -206,6 +208,7 @@ class Participant:
         writer = self.writers[guid[ids.PREFIX_SIZE :]] = LocalWriter(self._outbox, data, state)
         if wants_header is not None:
             writer.wants_header = wants_header
+        self._by_topic.setdefault(topic, []).append(writer)
         self._liveliness.add(qos, now)
         sedp.announce(writer, self._publications, now, wall_ns)
         for remote in self.remotes.values():
@@ -224,6 +227,7 @@ class Participant:
         state = StatefulReader(guid, qos.reliable, qos.transient_local, deliver, self._budget)
         state.on_change = self._schedule.touch
         reader = self.readers[guid[ids.PREFIX_SIZE :]] = LocalReader(data, state)
+        self._by_topic.setdefault(topic, []).append(reader)
         sedp.announce(reader, self._subscriptions, now, wall_ns)
         for remote in self.remotes.values():
             for endpoint in remote.endpoints.values():
@@ -239,6 +243,10 @@ class Participant:
         )
         if table.pop(guid[ids.PREFIX_SIZE :], None) is None:
             return
+        same = self._by_topic[endpoint.data.topic]
+        same.remove(endpoint)
+        if not same:
+            del self._by_topic[endpoint.data.topic]
         if isinstance(endpoint, LocalWriter):
             self._outbox.burst.discard(endpoint.state)
             self._schedule.remove(endpoint.state)
@@ -275,8 +283,12 @@ class Participant:
             ours.state.match(theirs.guid, theirs.qos.reliable, now, lifespan(theirs.qos))
 
     def _counterparts(self, theirs: EndpointData) -> list[LocalWriter | LocalReader]:
-        """Our endpoints of the other kind."""
-        return [*self.readers.values()] if theirs.is_writer else [*self.writers.values()]
+        """Our endpoints of the topic that are of the other kind."""
+        return [
+            ours
+            for ours in self._by_topic.get(theirs.topic, ())
+            if ours.data.is_writer != theirs.is_writer
+        ]
 
     def _match_builtin(self, remote: RemoteParticipant, now: float) -> None:
         for endpoints in self._builtins:
@@ -389,9 +401,7 @@ class Participant:
         is_same = True
         guid = remote.prefix + submessage.writer
         if submessage.reader == ids.ENTITY_UNKNOWN:
-            readers = [
-                reader.state for reader in self.readers.values() if guid in reader.state.writers
-            ]
+            readers = self._readers_of(remote, guid)
         else:
             named = self.readers.get(submessage.reader)
             readers = [] if named is None else [named.state]
@@ -412,6 +422,16 @@ class Participant:
             else:
                 reader.on_heartbeat_frag(guid, submessage, now)
         return is_same
+
+    def _readers_of(self, remote: RemoteParticipant, guid: bytes) -> list[StatefulReader]:
+        """Our readers that match a writer of others."""
+        endpoint = remote.endpoints.get(guid)
+        if endpoint is None:
+            states = [endpoints.reader.state for endpoints in self._builtins]
+        else:
+            found = self._by_topic.get(endpoint.topic, ())
+            states = [reader.state for reader in found if isinstance(reader, LocalReader)]
+        return [state for state in states if guid in state.writers]
 
     def _on_announcement(
         self, data: Data, prefix: bytes, source: str, octets: int, now: float
@@ -511,6 +531,9 @@ class Participant:
             self._remove_endpoint(remote, endpoint)
             return
         known = remote.endpoints.get(endpoint.guid)
+        if known is not None and not known.is_of_same(endpoint):
+            self._remove_endpoint(remote, endpoint.guid)
+            known = None
         if known is None and len(remote.endpoints) >= MAX_ENDPOINTS:
             return
         before = 0 if known is None else cost(known)

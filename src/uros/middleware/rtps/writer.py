@@ -426,10 +426,6 @@ class StatefulWriter:
         """The first number in the history; behind the last where it is empty."""
         return next(iter(self._history), self.last + 1)
 
-    def is_acknowledged(self) -> bool:
-        """Return whether all reliable readers have everything."""
-        return all(proxy.acked >= self.last for proxy in self.readers.values() if proxy.reliable)
-
     # --- what comes -----------------------------------------------------------------------
 
     def on_acknack(self, reader: bytes, acknack: AckNack, now: float) -> bool:

@@ -17,6 +17,7 @@ from support.rtps_network import (
     Stranger,
     announcement,
     cdr,
+    is_acknowledged,
     pair,
     prefix,
     writer_of,
@@ -459,7 +460,7 @@ def test_a_sample_that_is_not_valid_is_not_requested_again_and_again(network):
     sender.write(cdr(2), 0, network.now)
     network.until(lambda: inbox.samples)
     network.step(0.05, 20)
-    assert inbox.samples == [cdr(2)] and sender.state.is_acknowledged()
+    assert inbox.samples == [cdr(2)] and is_acknowledged(sender.state)
 
 
 def test_a_sample_that_is_refused_is_requested_less_and_less_often(network):

@@ -13,6 +13,7 @@ from support.rtps_network import (
     Network,
     announcement,
     cdr,
+    is_acknowledged,
     prefix,
     writer_of,
 )
@@ -128,7 +129,7 @@ def test_samples_arrive_once_and_in_order_both_ways(seed, rates, sizes):
     network.step(0.1, 30)
     for inbox in inboxes:
         assert inbox.samples == [cdr(number, size) for number, size in enumerate(sizes)]
-    network.until(lambda: all(sender.state.is_acknowledged() for sender in senders), 3000)
+    network.until(lambda: all(is_acknowledged(sender.state) for sender in senders), 3000)
     assert one._budget.used == two._budget.used == 0
 
 

@@ -352,6 +352,25 @@ def test_another_destination_is_not_for_us(network):
     assert inbox.samples == [cdr(1)]
 
 
+def test_an_endpoint_that_becomes_another_one_matches_as_that(network):
+    one = network.add(1)
+    inboxes = [Inbox(network, one, topic=topic, qos=BEST_EFFORT) for topic in ("rt/a", "rt/b")]
+    writer = writer_of(network, one, topic="rt/b")
+    stranger = Stranger(network, one)
+    stranger.announce()
+    guid = stranger.endpoint("rt/a", True)
+    data = submessages.encode_data(bytes(4), guid[12:], 1, cdr(1))
+    stranger.send(data)
+    assert [len(inbox.samples) for inbox in inboxes] == [1, 0]
+    stranger.endpoint("rt/b", True, guid=guid)
+    stranger.send(data)
+    assert [len(inbox.samples) for inbox in inboxes] == [1, 1]
+    assert not inboxes[0].reader.state.writers and len(inboxes[1].reader.state.writers) == 1
+    stranger.send(submessages.encode_heartbeat(bytes(4), ids.SUBSCRIPTIONS_WRITER, 3, 2, 1))
+    stranger.endpoint("rt/b", False, guid=guid)
+    assert not inboxes[1].reader.state.writers and set(writer.state.readers) == {guid}
+
+
 @given(st.lists(st.binary(max_size=120), max_size=20), st.booleans())
 def test_any_datagram_leaves_a_participant_that_works(datagrams, known):
     network = Network()
