@@ -291,9 +291,8 @@ class DdsRequester(Requester):
             return ""
         return (
             f"{self._name} is not called: a server of it speaks another form of services than"
-            " rmw_cyclonedds's, as rmw_fastrtps does, and would read wrong arguments; give the"
-            " agent, or this program, a Python with rclpy, or start that server with"
-            " RMW_IMPLEMENTATION=rmw_cyclonedds_cpp"
+            " rmw_cyclonedds's, as rmw_fastrtps does, and would read wrong arguments; use the"
+            " middleware auto or rtps in place of dds"
         )
 
     def request(self, cdr: Bytes) -> int | None:
@@ -370,8 +369,8 @@ class DdsReplier(Replier):
                 self._noticed = True
                 self._context.notice(
                     f"a client of {self._name} gets no answer: it speaks another form of services"
-                    " than rmw_cyclonedds's, as rmw_fastrtps does; give the agent, or this"
-                    " program, a Python with rclpy"
+                    " than rmw_cyclonedds's, as rmw_fastrtps does; use the middleware auto or rtps"
+                    " in place of dds"
                 )
             if parsed or not count:
                 return [

@@ -20,14 +20,7 @@ if TYPE_CHECKING:
     from ...agent.server import Server
 
 # The names of middlewares on the command line, which include the C++ agent's.
-_MIDDLEWARES: Final = {
-    "auto": "auto",
-    "dds": "dds",
-    "ros2": "ros2",
-    "memory": "memory",
-    "ced": "ced",
-    "rtps": "rtps",
-}
+_MIDDLEWARES: Final = ("auto", "dds", "rtps", "ros2", "memory", "ced")
 
 
 def _verbosity(text: str) -> int:
@@ -38,10 +31,10 @@ def _verbosity(text: str) -> int:
 
 _GENERAL: Final = OptionGroup()
 _GENERAL.add(
-    "-m", "--middleware", choices=tuple(_MIDDLEWARES), metavar="NAME", default="auto",
-    help="middleware to use: auto (default: dds, and ros2 for services if rclpy is installed), dds"
-    " (Cyclone DDS), rtps (without a DDS library), ros2, memory (boards reach only each other), or"
-    " ced (as memory, with any text as a name)",
+    "-m", "--middleware", choices=_MIDDLEWARES, metavar="NAME", default="auto",
+    help="middleware to use: auto (default: dds for topics, rtps for services), dds (Cyclone DDS),"
+    " rtps (without a DDS library), ros2 (rclpy), memory (boards reach only each other), or ced (as"
+    " memory, with any text as a name)",
 )  # fmt: skip
 _GENERAL.add("--distro", metavar="NAME", type=distro_name, help=DISTRO_HELP)
 _GENERAL.add(
@@ -173,7 +166,7 @@ def _serve(options: argparse.Namespace, parts: list[argparse.Namespace]) -> int:
     if options.discovery is not None:
         transports.append(make_discovery(options.discovery, transports))
     domain_of_agent = _domain_of_agent()
-    middleware = open_middleware(_MIDDLEWARES[options.middleware])
+    middleware = open_middleware(options.middleware)
     log = Log(options.verbose)
     agent = Agent(
         middleware, log, references, domain_of_agent, options.domain, client_rules,
