@@ -10,6 +10,7 @@ from uros.middleware.dds.middleware import DdsMiddleware
 from uros.middleware.rtps import udp
 from uros.middleware.rtps.locators import UDPV6
 from uros.middleware.rtps.middleware import RtpsMiddleware
+from uros.middleware.rtps.network import NetworkSettings
 from uros.qos import QoSProfile
 
 DOMAIN = 71
@@ -91,7 +92,7 @@ def talk(one, other, machines, number):
 
 
 def each_interface_carries_announcements():
-    """Two peers on two networks that are not connected."""
+    """Two peers on two networks that are not connected; they do not announce themselves."""
     a, b, c = Host(), Host(), Host()
     a.plug("left", b, "net0")
     a.plug("right", c, "net0")
@@ -101,13 +102,21 @@ def each_interface_carries_announcements():
     ):  # fmt: skip
         with host:
             host.ip(f"addr add {address} dev {name}")
+    listeners = []
+    for host in (b, c):
+        with host:
+            listeners.append(udp.DomainSockets(DOMAIN, NetworkSettings(), 0.0))
     one = Station(a, "one", "rt/a", "rt/b")
-    others = [Station(host, "other", "rt/b", "rt/a") for host in (b, c)]
-    machines = Machines((a, one.middleware), *((each.host, each.middleware) for each in others))
+    machines = Machines((a, one.middleware))
     assert one.announced() == {"10.9.1.1", "10.9.2.1"}
-    machines.until(lambda: one.writer.matched() == 2)
-    one.write(cdr(1))
-    machines.until(lambda: all(cdr(1) in each.samples for each in others))
+    for listener, source in zip(listeners, ("10.9.1.1", "10.9.2.1"), strict=True):
+        heard = set()
+        machines.until(
+            lambda listener=listener, heard=heard: heard.update(
+                address for _, address in listener.receive()
+            ) or heard
+        )  # fmt: skip
+        assert heard == {source}
 
 
 def an_interface_that_appears_is_used():
@@ -145,6 +154,20 @@ def an_interface_that_vanishes_is_left():
     machines.until(lambda: one.announced_by(other) == {"10.9.1.2"})
     machines.until(lambda: other.announced_by(one) == {"10.9.1.1"})
     talk(one, other, machines, 4)
+
+
+def an_address_of_ours_that_vanishes_is_left():
+    """The peer still announces its own address in that network, which is not reached any more."""
+    links = [("10.9.1.1/24", "10.9.1.2/24"), ("10.9.2.1/24", "10.9.2.2/24")]
+    one, other, machines = two(links=links)
+    talk(one, other, machines, 1)
+    (remote,) = one.domain.participant.remotes.values()
+    machines.until(lambda: set(remote.heard) == {"10.9.1.2", "10.9.2.2"})
+    with one.host:
+        one.host.ip("addr del 10.9.1.1/24 dev net0")
+    talk(one, other, machines, 2)
+    assert one.announced_by(other) == {"10.9.1.2", "10.9.2.2"}
+    assert remote in one.domain.participant.remotes.values()
 
 
 def an_address_that_changes_is_followed():

@@ -57,6 +57,9 @@ MAX_KNOWN: Final = 64 * 1024 * 1024
 _UNPROVEN: Final = 1.0
 # Seconds between announcements to a participant that was heard: two of them before our lease ends.
 _TELL_PERIOD: Final = LEASE_MS / 3000
+# Seconds for which a participant gets nothing before an announcement of ours that is longer than
+# what has come from it: it announces itself several times at first.
+_INTRODUCTION: Final = 0.5
 # Octets of early and incomplete samples of all readers.
 MAX_HELD: Final = 64 * 1024 * 1024
 # Seconds without a poll after which this process was stopped. Announcements of others are still
@@ -456,6 +459,8 @@ class Participant:
             if not remote.is_from(source):
                 return  # another host uses its GUID
             remote.hear(source)
+            if remote.is_owed:
+                self._introduce(remote)
             remote.lease = lease(announced)
             remote.expires = now + remote.lease
             self._schedule.touch(remote)
@@ -479,11 +484,7 @@ class Participant:
         remote.hear(source)
         remote.received = octets
         self._schedule.touch(remote)
-        place = remote.place(announced.metatraffic_unicast)
-        if place is not None:  # it need not wait for our next announcement
-            message = self._announcer.announcement()
-            if remote.may_send(len(message)):
-                self._outbox.datagrams.append((message, place))
+        self._introduce(remote)
         self._match_builtin(remote, now)
         self.on_participant(announced, True)
         return remote
@@ -494,6 +495,14 @@ class Participant:
         again = self._meet(remote.data, source, 0, now)
         if again is not None:
             again.is_proven = remote.is_proven
+
+    def _introduce(self, remote: RemoteParticipant) -> None:
+        """Announce ourselves to a participant: it need not wait for our next announcement."""
+        place = remote.place(remote.data.metatraffic_unicast)
+        if place is not None:
+            message = self._announcer.announcement()
+            if remote.may_announce(len(message)):
+                self._outbox.datagrams.append((message, place))
 
     def _exchange(self, before: int, after: int, holder: bytes) -> bool:
         """Account for what is known anew; False where a participant would know too much."""
@@ -595,6 +604,7 @@ class Participant:
         message = self._announcer.announcement()
         places = dict.fromkeys(self._announce_to)
         for remote in self.remotes.values():
+            remote.is_owed &= now - remote.since < _INTRODUCTION
             if now - remote.told < _TELL_PERIOD:
                 continue
             place = remote.place(remote.data.metatraffic_unicast)

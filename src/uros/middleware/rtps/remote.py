@@ -58,6 +58,7 @@ class RemoteParticipant:
         received: Octets that came from it.
         told: When we announced ourselves to it alone.
         is_proven: Whether it has answered us, and so receives what is sent to its address.
+        is_owed: Whether an announcement of ours was too long for it: then it gets nothing else.
     """
 
     def __init__(self, data: ParticipantData, now: float) -> None:
@@ -71,6 +72,7 @@ class RemoteParticipant:
         self.received = 0
         self.told = now
         self.is_proven = False
+        self.is_owed = False
         self._sent = 0  # octets, until it is proven
 
     def next_deadline(self) -> float:
@@ -83,8 +85,14 @@ class RemoteParticipant:
         Attack: announcements with the address of somebody else. Until a participant has answered,
         it gets no more octets than came from it; the protocol repeats what was left out.
         """
-        if self.is_proven:
-            return True
+        return self.is_proven or (not self.is_owed and self._take(octets))
+
+    def may_announce(self, octets: int) -> bool:
+        """Return the same for an announcement of ours, without which it cannot answer."""
+        self.is_owed = not (self.is_proven or self._take(octets))
+        return not self.is_owed
+
+    def _take(self, octets: int) -> bool:
         if self._sent + octets > self.received:
             return False
         self._sent += octets

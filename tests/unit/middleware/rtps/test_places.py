@@ -153,11 +153,36 @@ def test_a_participant_that_only_one_side_lists_as_its_peer_is_kept(hosts):
     assert one.remotes and two.remotes and not gone
 
 
+def test_a_participant_with_a_long_announcement_answers_a_short_one_soon(hosts):
+    """Not at once: an announcement may be forged, and the answer would be longer."""
+    places = [v4(f"10.0.{number}.2") for number in range(6)]
+    hosts.join(2, places)
+    one = hosts.join(1, [v4("10.0.0.1")], places[:1])
+    hosts.carry()
+    assert not one.remotes
+    hosts.step(0.05, 10)
+    assert one.remotes
+
+
+def test_other_locators_are_announced_to_all_that_were_heard(hosts):
+    """They need be no peers of ours."""
+    one = hosts.join(1, [v4("10.0.0.1")], [v4("10.0.0.2")])
+    two = hosts.join(2, [v4("10.0.0.2")])
+    hosts.until(lambda: one.remotes and two.remotes)
+    hosts.step(0.1, 20)
+    hosts.carry()
+    places = [v4("10.0.0.2"), v4("10.0.5.2")]
+    two.move(places, [], hosts.now)
+    hosts.carry()
+    assert one.remotes[prefix(2)].data.metatraffic_unicast == places
+
+
 def test_other_locators_are_announced_at_once_with_a_new_number(hosts):
     one = hosts.join(1, [v4("10.0.0.1")], [v4("10.0.0.2")])
     two = hosts.join(2, [v4("10.0.0.2")], [v4("10.0.0.1")])
     hosts.until(lambda: one.remotes and two.remotes)
     hosts.step(1.0, 10)
+    hosts.carry()
     hosts.log.clear()
     places = [v4("10.0.0.1"), v4("10.0.5.1")]
     one.move(places, [], hosts.now)

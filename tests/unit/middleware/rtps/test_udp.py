@@ -2,6 +2,7 @@
 
 import errno
 import socket
+import sys
 
 import pytest
 
@@ -183,6 +184,18 @@ def test_announcements_by_multicast_come_back(opened, own_domain_id):
     assert one.send(b"here", group)
     assert [bytes(data) for data, _ in other.receive()] == [b"here"]
     assert not one.send_errors
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="others deliver only joined groups anyway")
+def test_announcements_come_from_joined_interfaces_alone(opened, own_domain_id):
+    """Linux gives a socket what any other one has joined, too."""
+    one = opened(own_domain_id, NetworkSettings(stays_local=True))
+    opened.interfaces = [Interface("eth0", 2, UP, "10.0.0.1")]  # without a carrier
+    other = opened(own_domain_id, NetworkSettings(stays_local=True))
+    (group,) = one.multicast
+    assert one.send(b"here", group)
+    assert [bytes(data) for data, _ in one.receive()] == [b"here"]
+    assert not list(other.receive()) and not other.multicast
 
 
 def test_what_cannot_be_sent_is_counted(opened, own_domain_id):
