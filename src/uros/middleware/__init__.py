@@ -3,31 +3,32 @@
 ``open_middleware(name)`` returns a :class:`~uros.middleware.base.Middleware`;
 each lives in a module or package of its own that is imported only when asked for.
 
-==================  ==========================================================================
-``base``            The contract of a middleware: nodes, endpoints, services, QoS and errors.
-``qos_matching``    Finds the QoS policies that keep a writer and a reader from matching.
-``domains``         Checks before a domain is joined.
-``graph``           What a middleware knows of the ROS graph, by DDS names.
-``memory``          A network inside this process, for tests and examples.
-``ced``             The same, with any text as a name, as the CED middleware of the C++ agent.
-``dds``             Nodes in the ROS 2 network by Cyclone DDS, without an installed ROS.
-``rtps``            Nodes in the ROS 2 network by DDSI-RTPS in Python, without a DDS library.
-``ros2``            Nodes in the ROS 2 network by rclpy, on any RMW.
-``auto``            The agent's default: topics over ``dds``, services over ``rtps``.
-``services``        What the middlewares share for services.
-``discovery_info``  The ``ros_discovery_info`` topic: its format, its limits and its Gid size.
-``sample_queue``    Samples that wait in a reader.
-``paced_call``      A call after changes, at most once a second.
-``type_conflicts``  Finds topics whose endpoints have different types.
-``environment``     ROS 2's environment variables for the domain and the discovery range.
-``cyclonedds_uri``  Cyclone's configuration in CYCLONEDDS_URI, and what rtps reads of it.
-``ros_names``       Converts DDS names to ROS names and types.
-``user_data``       Reads keys in the USER_DATA QoS.
-``guid``            The parts of a GUID (RTPS 9.3.1).
-``ref_counted``     Values with several users, destroyed after the last one.
-``security``        Refuses or warns of ROS 2's security variables, which have no effect here.
-``wakeup_fd``       A file descriptor that wakes a selector from another thread.
-==================  ==========================================================================
+====================  ==========================================================================
+``base``              The contract of a middleware: nodes, endpoints, services, QoS and errors.
+``qos_matching``      Finds the QoS policies that keep a writer and a reader from matching.
+``domains``           Checks before a domain is joined.
+``graph``             What a middleware knows of the ROS graph, by DDS names.
+``memory``            A network inside this process, for tests and examples.
+``ced``               The same, with any text as a name, as the CED middleware of the C++ agent.
+``dds``               Nodes in the ROS 2 network by Cyclone DDS, without an installed ROS.
+``rtps``              Nodes in the ROS 2 network by DDSI-RTPS in Python, without a DDS library.
+``ros2``              Nodes in the ROS 2 network by rclpy, on any RMW.
+``auto``              The agent's default: topics over ``dds``, services over ``rtps``.
+``services``          What the middlewares share for services.
+``discovery_info``    The ``ros_discovery_info`` topic: its format, its limits and its Gid size.
+``sample_queue``      Samples that wait in a reader.
+``paced_call``        A call after changes, at most once a second.
+``type_conflicts``    Finds topics whose endpoints have different types.
+``environment``       ROS 2's environment variables for the domain and the discovery range.
+``cyclonedds_uri``    Cyclone's configuration in CYCLONEDDS_URI, and what rtps reads of it.
+``ros_names``         Converts DDS names to ROS names and types.
+``user_data``         Reads keys in the USER_DATA QoS.
+``guid``              The parts of a GUID (RTPS 9.3.1).
+``ref_counted``       Values with several users, destroyed after the last one.
+``security``          Refuses or warns of ROS 2's security variables, which have no effect here.
+``foreign_settings``  Warns of settings of Fast DDS, which have no effect here.
+``wakeup_fd``         A file descriptor that wakes a selector from another thread.
+====================  ==========================================================================
 """
 
 from __future__ import annotations
@@ -64,12 +65,13 @@ def open_middleware(name: str) -> Middleware:
         MiddlewareError: It cannot run here, or the environment demands security, which no
             middleware has (see :mod:`.security`).
     """
-    from . import security
+    from . import foreign_settings, security
     from .base import MiddlewareError
 
     if name not in NAMES:
         raise ValueError(f"no middleware {name!r}; there are: {', '.join(sorted(NAMES))}")
     security.check(name)
+    foreign_settings.warn(name)
     module, remedy = NAMES[name]
     try:
         opened: Middleware = import_module(module).create()
