@@ -257,13 +257,12 @@ class RtpsDomain:
         return self._sockets.filenos()
 
     def receive(self) -> None:
-        """Handle a burst of datagrams, and send what they cause."""
+        """Handle a burst of datagrams; what they cause to be sent is due at once."""
         now = time.monotonic()
         for datagram, source in self._sockets.receive():
             self.participant.receive(datagram, source, now)
             if time.monotonic() - now > _RECEIVE_SECONDS:
                 break
-        self.tick()
 
     def next_deadline(self) -> float | None:
         """Return when :meth:`tick` has work."""
@@ -289,8 +288,11 @@ class RtpsDomain:
         self._send()
 
     def _send(self) -> None:
+        outgoing = self.participant.take_datagrams()
+        if not outgoing and not self._backlog:
+            return
         octets: dict[Locator, int] = {}
-        for datagram, place in self.participant.take_datagrams():
+        for datagram, place in outgoing:
             sent = octets.get(place, 0)
             waits = place in self._backlog or sent >= _SLICE
             if waits or not self._sockets.send(datagram, place):

@@ -44,6 +44,7 @@ class RtpsMiddleware(Middleware):
         self._domains: dict[int, RtpsDomain] = {}
         self._graphs: list[RtpsGraph] = []
         self._ready: dict[RtpsReader, None] = {}
+        self._is_receiving = False
         self._selector = selectors.DefaultSelector()
         if not hasattr(self._selector, "fileno"):
             raise MiddlewareError(
@@ -107,7 +108,7 @@ class RtpsMiddleware(Middleware):
 
     def ready(self, reader: RtpsReader) -> None:
         """Have a reader's ``on_ready`` called by the next dispatch."""
-        if not self._ready:
+        if not self._ready and not self._is_receiving:
             self._wakeup.set()
         self._ready[reader] = None
 
@@ -119,8 +120,15 @@ class RtpsMiddleware(Middleware):
         """Receive, and call ``on_ready`` of each reader that received something."""
         if self._closed:
             return
-        for handle in dict.fromkeys(key.data for key, _ in self._selector.select(0)):
-            handle()
+        self._is_receiving = True  # dispatch_local follows: nothing needs to be woken
+        try:
+            for handle in dict.fromkeys(key.data for key, _ in self._selector.select(0)):
+                handle()
+        except BaseException:
+            self._wakeup.set()  # for what was received before
+            raise
+        finally:
+            self._is_receiving = False
         self.dispatch_local()
 
     def dispatch_local(self) -> None:
@@ -135,6 +143,8 @@ class RtpsMiddleware(Middleware):
             except BaseException:
                 self._wakeup.set()  # for the others
                 raise
+        if self._ready:
+            self._wakeup.set()  # they asked for another turn
 
     def flush(self) -> None:
         """Send the samples that writers hold back."""

@@ -34,7 +34,7 @@ class Outbox:
         self.datagrams: list[tuple[bytes, Locator]] = []
         self.burst: set[StatefulWriter] = set()
         self.repeats = RepeatBudget()
-        self._prefix = prefix
+        self._head = submessages.header(prefix)
         self._remotes = remotes
         self._message_size = message_size
         self._pending: dict[tuple[Locator, bytes], list[bytes]] = {}
@@ -78,14 +78,15 @@ class Outbox:
 
     def flush(self) -> None:
         """Make datagrams of what is queued, with a heartbeat behind each burst of samples."""
+        if not self._pending and not self.burst:
+            return
         for writer in self.burst:
             self.add_packets(writer, writer.heartbeats_for_burst())
         self.burst.clear()
         pending, self._pending = self._pending, {}
-        head = submessages.header(self._prefix)
         for (place, prefix), parts in pending.items():
             remote = self._remotes[prefix]
-            begin = head + submessages.encode_info_dst(prefix)
+            begin = self._head + submessages.encode_info_dst(prefix)
             messages = [begin]
             for part in parts:
                 size = len(messages[-1])

@@ -127,10 +127,11 @@ class RemoteParticipant:
         announced port at the address that was heard. A link-local address of IPv6 is announced
         without the interface that it was heard on.
         """
-        announced = [locator for locator in announced if not locator.is_multicast]
+        announced = list(announced)
         for locator in announced:
-            if locator.address in self.heard:
+            if locator.address in self.heard:  # nothing is heard from a multicast address
                 return locator
+        announced = [locator for locator in announced if not locator.is_multicast]
         for address in self.heard:
             host, kind = address.partition("%")[0], UDPV6 if ":" in address else UDPV4
             same = [locator for locator in announced if locator.kind == kind]

@@ -232,3 +232,42 @@ def test_the_configuration_of_cyclone_chooses_interfaces_peers_and_index(
     assert Locator(UDPV4, 7, "127.0.0.1") in sockets.peers and not sockets.multicast
     assert [text for text in notices if "leaves out Tracing" in text]
     middleware.close()
+
+
+def is_readable(middleware):
+    return bool(select.select([middleware.fileno()], [], [], 0)[0])
+
+
+def test_what_a_dispatch_receives_does_not_wake_the_next_one(pair):
+    taken = []
+    reader = pair.nodes[1].create_reader(
+        "rt/wake", TYPE, QoSProfile(), lambda: taken.extend(reader.take(10))
+    )
+    writer = pair.nodes[0].create_writer("rt/wake", TYPE, QoSProfile())
+    pair.until(lambda: has_answered(writer))
+    wakeup, pair.middlewares[1]._wakeup = pair.middlewares[1]._wakeup, None
+    writer.write(cdr(256))
+    pair.until(lambda: taken)
+    pair.middlewares[1]._wakeup = wakeup
+
+
+def test_a_reader_that_asks_for_another_turn_gets_it_beside_others(pair):
+    calls = []
+
+    def ready(name):
+        calls.append(name)
+        if calls.count(name) < 3:
+            readers[name].again()
+
+    readers = {
+        name: pair.nodes[0].create_reader(
+            f"rt/{name}", TYPE, QoSProfile(), lambda name=name: ready(name)
+        )
+        for name in ("one", "two")
+    }
+    middleware = pair.middlewares[0]
+    for reader in readers.values():
+        reader.again()
+    while is_readable(middleware):
+        middleware.dispatch()
+    assert sorted(calls) == ["one"] * 3 + ["two"] * 3
