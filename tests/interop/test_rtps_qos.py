@@ -19,10 +19,10 @@ SAMPLE = b"\0\1\0\0\1\0\0\0"
 class DataPlane:
     """A middleware with one node, and the thread that serves it."""
 
-    def __init__(self, domain):
+    def __init__(self, domain, middleware=None):
         self.lock = threading.Lock()
         self.notices = []
-        self._middleware = RtpsMiddleware()
+        self._middleware = middleware or RtpsMiddleware()
         self._middleware.on_notice = self.notices.append
         self.node = self._middleware.create_node(domain, "/", "rtps")
         self._runs = True

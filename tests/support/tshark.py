@@ -56,3 +56,15 @@ def find(tree, name):
             if result is not None:
                 return result
     return None
+
+
+def matching(path, display_filter):
+    """The lines of the packets that a display filter selects."""
+    if shutil.which("tshark") is None:
+        raise AssertionError("there is no tshark: apt-get install tshark")
+    done = subprocess.run(
+        ["tshark", "-r", str(path), "-Y", display_filter],
+        capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout.splitlines()
