@@ -25,6 +25,8 @@ class LocalWriter:
         state: Its history and its matched readers.
         wants_header: Returns whether a reader expects the identity of a request in the payload.
         on_match: Called with the GUID of a reader that matches.
+        on_leave: Called with the GUID of a reader of its topic that leaves, matched or not, or with
+            the prefix of a participant that does.
         announced: The number of its announcement.
     """
 
@@ -33,6 +35,7 @@ class LocalWriter:
         self.state = state
         self.wants_header: Callable[[EndpointData], bool] = lambda reader: False
         self.on_match: Callable[[bytes], None] = lambda guid: None
+        self.on_leave: Callable[[bytes], None] = lambda guid: None
         self.announced = 0
         self._outbox = outbox
 

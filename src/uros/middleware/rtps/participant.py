@@ -306,6 +306,7 @@ class Participant:
             self._known.give_back(cost(endpoint), remote.prefix)
         for writer in self.writers.values():
             writer.state.unmatch_participant(remote.prefix)
+            writer.on_leave(remote.prefix)
         for reader in self.readers.values():
             reader.state.unmatch_participant(remote.prefix)
         self._outbox.forget(remote)
@@ -321,6 +322,8 @@ class Participant:
         self._known.give_back(cost(endpoint), remote.prefix)
         for ours in self._counterparts(endpoint):
             ours.state.unmatch(guid)
+            if isinstance(ours, LocalWriter):
+                ours.on_leave(guid)
         self.on_endpoint(endpoint, False)
 
     # --- what comes ------------------------------------------------------------------------

@@ -181,6 +181,7 @@ class RtpsReplier(Replier):
             lambda data: _is_header_reader(CLIENT_ID, data),
         )  # fmt: skip
         self._writer.local.on_match = self._on_match
+        self._writer.local.on_leave = self._on_leave
         try:
             self._reader = RtpsReader(
                 domain, service.request_topic, service.request_type, qos, on_ready
@@ -253,6 +254,12 @@ class RtpsReplier(Replier):
                 self._write(reader, sequence, payload)
             elif until > now:
                 self._waiting.append(reply)
+
+    def _on_leave(self, guid: bytes) -> None:
+        """Drop the replies that wait for a reader, or for those of a participant."""
+        if self._waiting:
+            kept = [reply for reply in self._waiting if not reply[0].startswith(guid)]
+            self._waiting = deque(kept, maxlen=MAX_WAITING)
 
     def arrived(self, limit: int) -> list[int]:
         """Return the octets of samples that have arrived and were not asked for before."""

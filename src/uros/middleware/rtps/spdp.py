@@ -9,11 +9,12 @@ from . import ids, parameters, submessages
 from .locators import Locator
 from .parameters import ParticipantData
 
-# Seconds after which a peer that hears nothing of us counts us as gone, and between announcements:
-# some at once, as the first ones may be lost.
+# Milliseconds after which a peer that hears nothing of us counts us as gone.
 LEASE_MS: Final = 20_000
-_FIRST_ANNOUNCEMENTS: Final = (0.1, 0.2, 0.5, 1.0)
-_ANNOUNCEMENT_PERIOD: Final = 3.0
+# Seconds between announcements: some early ones, at 0.1, 0.2, 0.5 and 1.5 s, as the first may be
+# lost, then six in the time of the lease.
+_FIRST_PAUSES: Final = (0.1, 0.1, 0.3, 1.0)
+_PERIOD: Final = LEASE_MS / 1000 / 6
 
 
 class ParticipantAnnouncer:
@@ -35,9 +36,9 @@ class ParticipantAnnouncer:
 
     def advance(self, now: float) -> None:
         """Set when the next announcement to all is due."""
-        count, pauses = self._periods, _FIRST_ANNOUNCEMENTS
+        count, pauses = self._periods, _FIRST_PAUSES
         self._periods += 1
-        self.due = now + (pauses[count] if count < len(pauses) else _ANNOUNCEMENT_PERIOD)
+        self.due = now + (pauses[count] if count < len(pauses) else _PERIOD)
 
     def move(self, unicast: list[Locator], multicast: list[Locator], now: float) -> None:
         """Announce other locators from now on, with the first announcement at once."""

@@ -4,51 +4,16 @@ import select
 import time
 
 import pytest
+from support.rtps_pair import Pair
 
 from uros.middleware import open_middleware
 from uros.middleware.base import MiddlewareError
 from uros.middleware.dds.middleware import DdsMiddleware
 from uros.middleware.rtps import locators
 from uros.middleware.rtps.locators import UDPV4, Locator
-from uros.middleware.rtps.middleware import RtpsMiddleware
 from uros.qos import QoSProfile, ReliabilityPolicy
 
 TYPE = "std_msgs::msg::dds_::UInt8MultiArray_"
-SECONDS = 30.0
-
-
-class Pair:
-    """Two middlewares and their data planes."""
-
-    def __init__(self, domain, second=RtpsMiddleware):
-        self.middlewares = [RtpsMiddleware(), second()]
-        self.nodes = [
-            middleware.create_node(domain, "/", f"node{number}")
-            for number, middleware in enumerate(self.middlewares)
-        ]
-        self.domains = [middleware._domains[domain] for middleware in self.middlewares]
-        self.graphs = [middleware.graph(domain, lambda: None) for middleware in self.middlewares]
-
-    def until(self, done):
-        end = time.monotonic() + SECONDS
-        while not done():
-            assert time.monotonic() < end, "it does not happen"
-            deadlines = [middleware.next_deadline() for middleware in self.middlewares]
-            pause = min(at for at in deadlines if at is not None) - time.monotonic()
-            pause = max(0.0, pause)
-            ready = select.select(
-                [middleware.fileno() for middleware in self.middlewares], [], [], pause
-            )[0]
-            for middleware in self.middlewares:
-                if middleware.fileno() in ready:
-                    middleware.dispatch()
-                deadline = middleware.next_deadline()
-                if deadline is not None and deadline <= time.monotonic():
-                    middleware.tick()
-
-    def close(self):
-        for middleware in self.middlewares:
-            middleware.close()
 
 
 @pytest.fixture
