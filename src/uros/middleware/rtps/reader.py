@@ -41,6 +41,10 @@ _MAX_NOTED: Final = 256
 # repeated by the next heartbeat after a pause, which doubles; seconds.
 _PAUSE_FIRST: Final = 0.005
 _PAUSE_LAST: Final = 0.5
+# A request that nothing answered is repeated after a time that doubles, not by the next
+# heartbeat: that of Fast DDS comes after 3 s. Seconds.
+_RETRY_FIRST: Final = 0.1
+_RETRY_LAST: Final = 2.0
 # A writer whose heartbeats, or best-effort samples, are behind what came from it for so long has
 # begun anew; seconds.
 _RESTART_AFTER: Final = 1.0
@@ -99,7 +103,7 @@ class WriterProxy:
     __slots__ = (
         "ack_at", "asked", "behind_since", "expected", "guid", "heartbeat_counter", "held",
         "held_octets", "highest", "in_vain", "incomplete", "lifespan", "lost", "participant",
-        "progress", "reliable", "requested_at",
+        "progress", "reliable", "requested_at", "retry_at",
     )  # fmt: skip
 
     def __init__(self, guid: bytes, reliable: bool, now: float) -> None:
@@ -116,6 +120,7 @@ class WriterProxy:
         self.progress = 0
         self.requested_at = -1  # the progress
         self.in_vain = 0
+        self.retry_at: float | None = None
         self.behind_since: float | None = None
         self.lost = 0
         self.asked = 0  # first acknowledgements that no heartbeat answered
@@ -452,15 +457,17 @@ class StatefulReader:
 
     def next_deadline(self) -> float | None:
         """Return when :meth:`poll` has something to send, or None."""
-        return min(
-            (proxy.ack_at for proxy in self.writers.values() if proxy.ack_at is not None),
-            default=None,
-        )
+        deadlines = (at for each in self.writers.values() for at in (each.ack_at, each.retry_at))
+        return min((at for at in deadlines if at is not None), default=None)
 
     def poll(self, now: float) -> Iterator[tuple[bytes, bytes]]:
         """Yield (GUID of the writer, submessages) of the acknowledgements that are due."""
         for proxy in list(self.writers.values()):
-            if proxy.ack_at is not None and proxy.ack_at <= now:
+            is_due = proxy.ack_at is not None and proxy.ack_at <= now
+            if proxy.retry_at is not None and proxy.retry_at <= now:
+                proxy.retry_at = None
+                is_due |= self._lacks(proxy)
+            if is_due:
                 yield proxy.guid, self._answer(proxy, now)
 
     def _answer(self, proxy: WriterProxy, now: float) -> bytes:
@@ -502,6 +509,8 @@ class StatefulReader:
         if missing or fragments:
             proxy.in_vain = proxy.in_vain + 1 if proxy.progress == proxy.requested_at else 0
             proxy.requested_at = proxy.progress
+            pause = _RETRY_FIRST * 2 ** min(proxy.in_vain, 10)
+            proxy.retry_at = now + min(_RETRY_LAST, pause)
         return self._acknack(proxy, entity, base, missing, not missing) + fragments
 
     def _acknack(

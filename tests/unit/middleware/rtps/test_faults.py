@@ -358,3 +358,34 @@ def test_stamps_that_are_not_known_are_told_as_such():
     for encoded in (submessages.encode_info_ts(None), b"\x09\1\x08\0" + b"\xff" * 8):
         (part,) = submessages.read(memoryview(head + encoded))
         assert part.time_ns is None
+
+
+def test_a_request_that_is_not_answered_is_repeated_without_a_heartbeat():
+    """Fast DDS repeats its heartbeats after 3 s only, and the answer may be lost again."""
+    network = RoughNetwork(1)
+    sender, inbox = matched_pair(network, KEEP_ALL)
+    one, two = network.members["10.0.0.1"], network.members["10.0.0.2"]
+    state = inbox.reader.state
+    (proxy,) = state.writers.values()
+    del network.members["10.0.0.1"]  # nothing answers
+    beat = submessages.encode_heartbeat(bytes(4), sender.data.guid[12:], 1, 1, 1000)
+    head = submessages.header(prefix(1))
+    network.inject("10.0.0.1", head + beat, two)
+    network.log.clear()
+    network.step(0.02, 250)
+    requests = [
+        part
+        for _, datagram, _ in network.log
+        for part in submessages.read(memoryview(datagram))
+        if isinstance(part, submessages.AckNack) and part.missing == (1,)
+    ]
+    assert 5 <= len(requests) <= 8  # in 5 s: after 0.1, 0.2, 0.4 … 2 s
+    assert len({part.counter for part in requests}) == len(requests)
+    network.inject("10.0.0.1", head + submessages.encode_data(
+        bytes(4), sender.data.guid[12:], 1, cdr(1)
+    ), two)  # fmt: skip
+    network.log.clear()
+    network.step(0.02, 150)
+    assert inbox.samples == [cdr(1)] and proxy.retry_at is None
+    assert not network.sent("10.0.0.2")
+    assert one.remotes
