@@ -154,7 +154,11 @@ class DomainSockets:
         if not self._sockets:
             return False
         self.scan_at = now + SCAN_PERIOD
-        self._interfaces = self._settings.usable(self._list_interfaces() or _one_interface())
+        try:
+            found = self._list_interfaces() or _one_interface()
+        except OSError:  # no descriptor is free now
+            return False
+        self._interfaces = self._settings.usable(found)
         with_multicast = [one for one in self._interfaces if self._settings.allows_multicast(one)]
         for each in self._sockets.values():
             each.join(with_multicast)

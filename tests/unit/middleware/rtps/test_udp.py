@@ -140,6 +140,18 @@ def test_interfaces_are_looked_at_again(opened, own_domain_id):
     assert [place.address for place in sockets.unicast] == ["127.0.0.1"]
 
 
+def test_interfaces_that_cannot_be_listed_now_stay_as_they_are(opened, own_domain_id):
+    sockets = opened(own_domain_id)
+    before = sockets.unicast
+
+    def no_descriptor():
+        raise OSError(errno.EMFILE, "Too many open files")
+
+    sockets._list_interfaces = no_descriptor
+    assert not sockets.scan(3.0) and sockets.unicast == before
+    assert sockets.scan_at == 3.0 + SCAN_PERIOD
+
+
 def test_an_interface_without_multicast_is_tried_again(opened, own_domain_id, monkeypatch):
     refused = [errno.ENODEV]
     set_option = ip_sockets._set
