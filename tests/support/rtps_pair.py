@@ -1,4 +1,4 @@
-"""Two rtps middlewares on loopback, served by turns in one thread."""
+"""Two middlewares on loopback, as two processes would be, and their data planes."""
 
 import select
 import time
@@ -9,10 +9,13 @@ SECONDS = 30.0
 
 
 class Pair:
-    """Two middlewares and their data planes."""
+    """Two middlewares with a node each, and their data planes.
 
-    def __init__(self, domain, second=RtpsMiddleware):
-        self.middlewares = [RtpsMiddleware(), second()]
+    ``domains`` and ``graphs`` are those of each. ``first`` and ``second`` make the middlewares.
+    """
+
+    def __init__(self, domain, second=RtpsMiddleware, first=RtpsMiddleware):
+        self.middlewares = [first(), second()]
         self.nodes = [
             middleware.create_node(domain, "/", f"node{number}")
             for number, middleware in enumerate(self.middlewares)

@@ -1,0 +1,114 @@
+"""``ros_discovery_info`` of the rtps middleware: its Gids, its pace and its limits.
+
+The format itself and the choice of the Gid size have tests of their own in ../discovery_info.
+"""
+
+import pytest
+from support.rtps_pair import Pair
+
+from uros.middleware import user_data
+from uros.middleware.dds.middleware import DdsMiddleware
+from uros.middleware.discovery_info import codec, intake
+from uros.middleware.rtps import discovery_info
+from uros.middleware.rtps.middleware import RtpsMiddleware
+from uros.qos import QoSProfile
+
+TYPE = "std_msgs::msg::dds_::String_"
+
+
+def names(domain, of):
+    """Names of the nodes that a domain knows of another one's participant."""
+    guid = of.participant.guid
+    return [node.name for node in domain.info.intake.nodes.get(guid, ())]
+
+
+@pytest.mark.parametrize(("distro", "size"), [("humble", 24), ("jazzy", 16), ("", 16)])
+@pytest.mark.parametrize("other", [RtpsMiddleware, DdsMiddleware], ids=["rtps", "dds"])
+def test_the_gid_size_is_that_of_the_distribution(own_domain_id, monkeypatch, distro, size, other):
+    monkeypatch.setenv("ROS_DISTRO", distro)
+    pair = Pair(own_domain_id, other)
+    ours = pair.domains[0]
+    guid = ours.participant.guid
+    pair.until(lambda: [node.name for node in pair.graphs[1].announced.get(guid, ())] == ["node0"])
+    if other is RtpsMiddleware:
+        assert pair.domains[1].info.intake.gid_sizes[guid] == size
+    pair.close()
+
+
+def test_the_gid_size_follows_ros_participants(own_domain_id, monkeypatch):
+    """A participant that has an enclave and is none of uros counts as one of ROS."""
+    notices = []
+
+    def old():
+        with monkeypatch.context() as patch:
+            patch.setenv("ROS_DISTRO", "humble")
+            middleware = RtpsMiddleware()
+            patch.setattr(user_data, "PARTICIPANT", user_data.ENCLAVE + b"/;")
+            middleware.create_node(own_domain_id, "/", "old")  # announces the domain's participant
+        return middleware
+
+    def new():
+        middleware = RtpsMiddleware()
+        middleware.on_notice = notices.append
+        return middleware
+
+    pair = Pair(own_domain_id, old, new)
+    domain, old_domain = pair.domains
+    guid = domain.participant.guid
+    pair.until(lambda: old_domain.info.intake.gid_sizes.get(guid) == 24)
+    assert any("24-byte Gids from now on" in notice for notice in notices), notices
+    pair.close()
+
+
+def test_changes_are_announced_at_most_ten_times_a_second_and_the_last_one_too(
+    own_domain_id, monkeypatch
+):
+    class Clock:
+        now = 1000.0
+
+        def monotonic(self):
+            return self.now
+
+    clock = Clock()
+    monkeypatch.setattr(discovery_info, "time", clock)
+    encoded = []
+    encode = codec.encode
+    monkeypatch.setattr(codec, "encode", lambda *args: encoded.append(encode(*args)) or encoded[-1])
+    middleware = RtpsMiddleware()
+    node = middleware.create_node(own_domain_id, "/", "busy")
+    info = middleware._domains[own_domain_id].info
+    writers = []
+    for _ in range(1000):  # a change each millisecond
+        writers.append(node.create_writer("rt/x", TYPE, QoSProfile()))
+        if len(writers) > 5:
+            writers.pop(0).close()
+        clock.now += 0.001
+        info.tick(clock.now)
+    assert 8 <= len(encoded) <= 11
+    while (due := info.next_deadline()) is not None:
+        clock.now = due
+        info.tick(clock.now)
+    (busy,) = codec.decode(encoded[-1])[1]
+    assert busy.writers == [writer.guid for writer in writers]
+    count = len(encoded)
+    info.tick(clock.now + 3600)
+    assert len(encoded) == count  # no change, no announcement
+    middleware.close()
+
+
+def test_a_flood_of_messages_pauses_the_reader_and_the_last_one_counts(own_domain_id, monkeypatch):
+    """Beyond the rate the reader is deleted; the one that is created later gets the last sample."""
+    monkeypatch.setattr(intake, "BURST", 4096)
+    monkeypatch.setattr(intake, "RATE", 100_000)
+    pair = Pair(own_domain_id)
+    ours, theirs = pair.domains
+    pair.until(lambda: names(ours, theirs) == ["node1"])
+    reader = ours.info._reader
+    flood = [codec.NodeEntities("/flood", f"n{number}") for number in range(400)]
+    theirs.info.nodes += flood
+    theirs.info.changed()
+    pair.until(lambda: ours.info._reader is not reader)  # paused
+    theirs.info.nodes[:] = [codec.NodeEntities("/", "after")]
+    theirs.info.changed()
+    pair.until(lambda: names(ours, theirs) == ["after"])
+    pair.close()
