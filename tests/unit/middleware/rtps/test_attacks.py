@@ -824,3 +824,16 @@ def test_an_announcement_of_topics_in_any_number_matches_none_of_ours(network):
             ),
         )
     assert not inbox.reader.state.writers and len(one.remotes[stranger.prefix].endpoints) == 100
+
+
+@pytest.mark.parametrize("depth", [0, 1, 2**31 - 1])
+def test_any_depth_of_a_profile_is_served(network, depth):
+    """CVE-2024-26369 (Fast DDS): a depth of its own profile made a receiver abort."""
+    one, two = pair(network)
+    qos = QoSProfile(depth=depth)
+    sender, inbox = writer_of(network, one, qos=qos), Inbox(network, two, qos=qos)
+    network.until(lambda: sender.matched() and inbox.reader.state.writers)
+    for number in range(5):
+        sender.write(cdr(number), 0, network.now)
+        network.step(0.1)
+    assert inbox.samples == [cdr(number) for number in range(5)]
