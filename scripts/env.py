@@ -4,7 +4,7 @@
                                .venv with uros, and with the requirements of its tests, with the
                                linters, with the fuzzing engine
     env.py micropython         build/micropython: MicroPython as WebAssembly, and Node to run it
-    env.py ros                 .venv-ros: real ROS 2 for tests/interop
+    env.py ros                 .venv-ros: real ROS 2 for tests/interop, and Debian's ddsperf
 
 Each prints what it installs, does nothing when nothing has changed, and raises Unavailable with a
 remedy when it is not possible on this machine. It uses the standard library only, and Python 3.7:
@@ -228,6 +228,13 @@ def tshark() -> None:
         say("sudo apt-get install tshark; elsewhere it comes with Wireshark)")
 
 
+def ddsperf() -> None:
+    """Install ddsperf, of Cyclone DDS. Without it the tests that use it fail and say so."""
+    if not shutil.which("ddsperf") and not apt_install("cyclonedds-tools"):
+        say("there is no ddsperf, so the tests with it will FAIL: install it (Debian, Ubuntu:")
+        say("sudo apt-get install cyclonedds-tools)")
+
+
 def find_node() -> tuple:
     """(node, npm-cli.js): those of the machine if new enough, else those from PyPI."""
     node, npm = shutil.which("node"), shutil.which("npm")
@@ -316,6 +323,7 @@ def main(arguments: list) -> None:
     for extra in ("run", "test", "dev", "fuzz"):
         kinds[extra] = lambda extra=extra: uros(extra)
     kinds["test"] = lambda: (uros("test"), tshark())
+    kinds["ros"] = lambda: (ros(), ddsperf())
     if len(arguments) != 1 or arguments[0] not in kinds:
         sys.exit("usage: env.py " + " | ".join(sorted(kinds)))
     try:

@@ -38,7 +38,7 @@ LANES = (("unit", "replay"), ("mpy", "contract"), ("interop",), ("boards", "soak
 # The largest group has two processes, with whole files each.
 WORKERS = {"unit": ("-n", "2", "--dist", "loadfile")}
 PREPARE = {
-    "interop": (env.micropython, env.ros),
+    "interop": (env.micropython, env.ros, env.ddsperf),
     "boards": (env.micropython, env.ros),
     "mpy": (env.micropython,),
 }
