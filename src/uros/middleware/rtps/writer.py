@@ -30,6 +30,9 @@ from .submessages import (
 # a reader that does not answer is asked more and more seldom.
 _HEARTBEAT_FIRST: Final = 0.05
 _HEARTBEAT_LAST: Final = 2.0
+# What readers are not asked to acknowledge behind each burst: samples of a reader, octets in all.
+_UNASKED: Final = 16
+_UNASKED_OCTETS: Final = 16 * 1024
 # A reader that has matched here may not know the writer yet, and one of Cyclone begins after the
 # first heartbeat: samples wait for its first acknowledgement, or for so many seconds.
 _MAX_WAIT: Final = 1.0
@@ -351,7 +354,11 @@ class StatefulWriter:
         return packets
 
     def heartbeats_for_burst(self) -> list[Packet]:
-        """Return heartbeats that ask for acknowledgements, to follow a burst of samples."""
+        """Return heartbeats to follow a burst of samples.
+
+        Readers answer where they lack something. Where much is not acknowledged, they are asked to
+        acknowledge it; else the heartbeat of the next pause asks them.
+        """
         lacking = [
             proxy
             for proxy in self.readers.values()
@@ -361,9 +368,16 @@ class StatefulWriter:
             return []
         # With the DATA lost, it still shows that the writer is alive.
         liveliness = self._is_manual
+        final = (
+            not self._transient_local
+            and self._octets < _UNASKED_OCTETS
+            and all(self.last - proxy.acked < _UNASKED for proxy in lacking)
+        )
         if not self._has_waiting():
-            return [Packet(None, self._heartbeat(None, liveliness), None)]
-        return [Packet(proxy.guid, self._heartbeat(proxy, liveliness), None) for proxy in lacking]
+            return [Packet(None, self._heartbeat(None, liveliness, final), None)]
+        return [
+            Packet(proxy.guid, self._heartbeat(proxy, liveliness, final), None) for proxy in lacking
+        ]
 
     def _has_waiting(self) -> bool:
         return any(proxy.waits_until is not None for proxy in self.readers.values())
@@ -552,14 +566,16 @@ class StatefulWriter:
         if proxy.heartbeat_at is None:
             proxy.heartbeat_at = now + proxy.heartbeat_pause
 
-    def _heartbeat(self, proxy: ReaderProxy | None, liveliness: bool = False) -> bytes:
+    def _heartbeat(
+        self, proxy: ReaderProxy | None, liveliness: bool = False, final: bool = False
+    ) -> bytes:
         self._counter += 1
         reader = ids.ENTITY_UNKNOWN if proxy is None else proxy.guid[ids.PREFIX_SIZE :]
         first, last = self._first(), self.last
         if proxy is not None and proxy.waits_until is not None:
             first, last = proxy.first, proxy.first - 1  # nothing yet
         return encode_heartbeat(
-            reader, self._entity, first, last, self._counter & 0x7FFF_FFFF, False, liveliness
+            reader, self._entity, first, last, self._counter & 0x7FFF_FFFF, final, liveliness
         )
 
     def _data(self, change: Change, proxy: ReaderProxy | None) -> Iterator[Packet]:

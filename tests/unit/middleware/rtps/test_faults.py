@@ -319,6 +319,7 @@ def test_the_monotonic_clock_may_jump(gap):
     network.now += gap
     network.step(0.1, 100)
     exchange(network, sender, inbox, 0)
+    network.carry()
     deadline = network.members["10.0.0.1"].next_deadline()
     assert network.now < deadline < network.now + 10
 

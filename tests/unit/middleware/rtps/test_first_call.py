@@ -108,3 +108,27 @@ def test_an_early_sample_is_delivered_in_its_turn_too():
                         100.0)  # fmt: skip
     reader.on_data(writer, 1, cdr(1), None, True, False, 100.0)
     assert early == [3, 2] and delivered == [1, 2, 3]
+
+
+def heartbeats(packets):
+    """The heartbeats in packets."""
+    octets = submessages.header(bytes(12)) + b"".join(packet.submessages for packet in packets)
+    found = submessages.read(memoryview(octets))
+    return [one for one in found if isinstance(one, submessages.Heartbeat)]
+
+
+@pytest.mark.parametrize(("size", "asked_from"), [(16, 16), (4096, 4)])
+def test_readers_are_asked_to_acknowledge_what_is_much_and_else_after_a_pause(size, asked_from):
+    """An acknowledgement for each request would cost both ends as much as the request."""
+    writer = StatefulWriter(ids.VENDOR + bytes(14), True, False, None, 5000)
+    reader = ids.VENDOR + bytes(13) + b"\4"
+    writer.match(reader, True, False, 100.0)
+    answer = submessages.AckNack(reader[12:], ids.ENTITY_UNKNOWN, 1, (), 1, True)
+    writer.on_acknack(reader, answer, 100.0)
+    for number in range(1, 20):
+        writer.write(cdr(number, size), 0, 100.0)
+        (heartbeat,) = heartbeats(writer.heartbeats_for_burst())
+        assert heartbeat.last == number and heartbeat.final == (number < asked_from)
+    assert writer.next_deadline() == 100.05
+    (heartbeat,) = heartbeats(writer.poll(100.05))
+    assert not heartbeat.final
