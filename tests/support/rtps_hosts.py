@@ -156,6 +156,24 @@ def an_interface_that_vanishes_is_left():
     talk(one, other, machines, 4)
 
 
+def a_network_that_is_away_for_a_moment_changes_nothing():
+    """As a Wi-Fi that comes back with the same address: nobody is lost, nothing is lost."""
+    one, other, machines = two(links=[("10.9.1.1/24", "10.9.1.2/24")])
+    talk(one, other, machines, 1)
+    (before,) = one.domain.participant.remotes.values()
+    with one.host:
+        one.host.ip("link set net0 down")
+    machines.until(lambda: one.announced() == {"127.0.0.1"})
+    one.write(cdr(2))
+    other.write(cdr(2))
+    for _ in range(10):
+        machines.turn()
+    with one.host:
+        one.host.ip("link set net0 up")
+    machines.until(lambda: cdr(2) in other.samples and cdr(2) in one.samples)
+    assert list(one.domain.participant.remotes.values()) == [before]
+
+
 def an_address_of_ours_that_vanishes_is_left():
     """The peer still announces its own address in that network, which is not reached any more."""
     links = [("10.9.1.1/24", "10.9.1.2/24"), ("10.9.2.1/24", "10.9.2.2/24")]

@@ -12,6 +12,7 @@ pytestmark = pytest.mark.timeout(180)
         "each_interface_carries_announcements",
         "an_interface_that_appears_is_used",
         "an_interface_that_vanishes_is_left",
+        "a_network_that_is_away_for_a_moment_changes_nothing",
         "an_address_of_ours_that_vanishes_is_left",
         "an_address_that_changes_is_followed",
         "ipv6",
