@@ -3,10 +3,12 @@
 ==================  ==============================================================================
 ``ids``             The numbers of the protocol.
 ``locators``        Transport addresses, and the ports of domains and participants.
+``kinds``           The kinds of submessages.
 ``submessages``     Messages as octets and as submessages.
 ``parameters``      Parameter lists: discovery data and inline QoS.
 ``reassembly``      Samples that arrive in fragments.
 ``reader``          A reader's side: order, acknowledgements.
+``changes``         Samples in a writer's history, and what is sent of them.
 ``writer``          A writer's side: history, heartbeats, repetition.
 ``remote``          What is known of another participant, and where it may be sent to.
 ``outbox``          Datagrams from what endpoints send.

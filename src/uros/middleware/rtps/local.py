@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from ...qos import QoSProfile
 from ..qos_matching import Mismatch, mismatches
+from . import ids
 from .outbox import Outbox
 from .parameters import EndpointData
 from .reader import StatefulReader
@@ -74,6 +75,60 @@ class LocalReader:
         self.data = data
         self.state = state
         self.announced = 0
+
+
+class LocalEndpoints:
+    """Our endpoints in a domain.
+
+    Attributes:
+        writers: The writers by entity id, builtin ones included.
+        readers: The readers by entity id, builtin ones included.
+    """
+
+    def __init__(self) -> None:
+        self.writers: dict[bytes, LocalWriter] = {}
+        self.readers: dict[bytes, LocalReader] = {}
+        # A datagram must not cost more with more endpoints.
+        self._by_topic: dict[str, list[LocalWriter | LocalReader]] = {}
+
+    def add(self, endpoint: LocalWriter | LocalReader) -> None:
+        """Add an endpoint."""
+        entity = endpoint.data.guid[ids.PREFIX_SIZE :]
+        if isinstance(endpoint, LocalWriter):
+            self.writers[entity] = endpoint
+        else:
+            self.readers[entity] = endpoint
+        self._by_topic.setdefault(endpoint.data.topic, []).append(endpoint)
+
+    def remove(self, endpoint: LocalWriter | LocalReader) -> bool:
+        """Remove an endpoint; return False where it was removed before."""
+        entity = endpoint.data.guid[ids.PREFIX_SIZE :]
+        if isinstance(endpoint, LocalWriter):
+            removed = self.writers.pop(entity, None) is not None
+        else:
+            removed = self.readers.pop(entity, None) is not None
+        if removed:
+            same = self._by_topic[endpoint.data.topic]
+            same.remove(endpoint)
+            if not same:
+                del self._by_topic[endpoint.data.topic]
+        return removed
+
+    def counterparts(self, theirs: EndpointData) -> list[LocalWriter | LocalReader]:
+        """Return those of the topic of another endpoint that are of the other kind."""
+        return [
+            ours
+            for ours in self._by_topic.get(theirs.topic, ())
+            if ours.data.is_writer != theirs.is_writer
+        ]
+
+    def readers_of(self, guid: bytes, topic: str) -> list[StatefulReader]:
+        """Return the readers that match a writer of others; builtin ones have no topic."""
+        return [
+            ours.state
+            for ours in self._by_topic.get(topic, ())
+            if isinstance(ours, LocalReader) and guid in ours.state.writers
+        ]
 
 
 def lifespan(qos: QoSProfile) -> float:

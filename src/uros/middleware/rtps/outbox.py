@@ -9,9 +9,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from . import ids, submessages
+from .changes import Packet
 from .locators import Locator
 from .remote import RemoteParticipant
-from .writer import Packet, RepeatBudget, StatefulWriter
+from .writer import RepeatBudget, StatefulWriter
 
 
 class Outbox:

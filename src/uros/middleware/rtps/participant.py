@@ -18,16 +18,7 @@ from ...qos import HistoryPolicy, LivelinessPolicy, QoSProfile
 from ..qos_matching import Mismatch
 from . import builtin, ids, parameters, sedp, submessages
 from .builtin import BuiltinEndpoints
-from .liveliness import LivelinessAssertion
-from .local import EndpointSchedule, LocalReader, LocalWriter, lifespan, why_unmatched
-from .locators import Locator
-from .outbox import Outbox
-from .parameters import EndpointData, ParticipantData
-from .reader import Sample, StatefulReader
-from .reassembly import OctetBudget
-from .remote import RemoteParticipant, cost, lease
-from .spdp import LEASE_MS, ParticipantAnnouncer
-from .submessages import (
+from .kinds import (
     AckNack,
     Data,
     DataFrag,
@@ -37,9 +28,26 @@ from .submessages import (
     InfoDestination,
     InfoReply,
     InfoSource,
-    MalformedError,
     NackFrag,
+    Submessage,
 )
+from .liveliness import LivelinessAssertion
+from .local import (
+    EndpointSchedule,
+    LocalEndpoints,
+    LocalReader,
+    LocalWriter,
+    lifespan,
+    why_unmatched,
+)
+from .locators import Locator
+from .outbox import Outbox
+from .parameters import EndpointData, ParticipantData
+from .reader import Sample, StatefulReader
+from .reassembly import OctetBudget
+from .remote import RemoteParticipant, cost, lease
+from .spdp import LEASE_MS, ParticipantAnnouncer
+from .submessages import MalformedError
 from .writer import StatefulWriter
 
 # Octets of a message. Wi-Fi loses the fragments of larger IP datagrams.
@@ -106,11 +114,10 @@ class Participant:
     ) -> None:
         self.guid = prefix + ids.ENTITY_PARTICIPANT
         self.remotes: dict[bytes, RemoteParticipant] = {}
-        self.writers: dict[bytes, LocalWriter] = {}
-        self.readers: dict[bytes, LocalReader] = {}
+        self._endpoints = LocalEndpoints()
+        self.writers = self._endpoints.writers
+        self.readers = self._endpoints.readers
         self.malformed = 0
-        # All but the builtin ones, by topic: a datagram must not cost more with more endpoints.
-        self._by_topic: dict[str, list[LocalWriter | LocalReader]] = {}
         self.on_participant: Callable[[ParticipantData, bool], None] = lambda data, is_there: None
         self.on_endpoint: Callable[[EndpointData, bool], None] = lambda data, is_there: None
         self.on_mismatch: Callable[[EndpointData, EndpointData, list[Mismatch]], None] = (
@@ -162,8 +169,8 @@ class Participant:
             deliver,
             depth,
         )
-        self.writers[topic.writer] = made.writer
-        self.readers[topic.reader] = made.reader
+        self._endpoints.add(made.writer)
+        self._endpoints.add(made.reader)
         return made
 
     def take_datagrams(self) -> list[tuple[bytes, Locator]]:
@@ -208,10 +215,10 @@ class Participant:
             lifespan=lifespan(qos), repeats=self._outbox.repeats,
         )  # fmt: skip
         state.on_change = self._schedule.touch
-        writer = self.writers[guid[ids.PREFIX_SIZE :]] = LocalWriter(self._outbox, data, state)
+        writer = LocalWriter(self._outbox, data, state)
         if wants_header is not None:
             writer.wants_header = wants_header
-        self._by_topic.setdefault(topic, []).append(writer)
+        self._endpoints.add(writer)
         self._liveliness.add(qos, now)
         sedp.announce(writer, self._publications, now, wall_ns)
         for remote in self.remotes.values():
@@ -229,8 +236,8 @@ class Participant:
         data = EndpointData(guid, False, topic, type_name, qos)
         state = StatefulReader(guid, qos.reliable, qos.transient_local, deliver, self._budget)
         state.on_change = self._schedule.touch
-        reader = self.readers[guid[ids.PREFIX_SIZE :]] = LocalReader(data, state)
-        self._by_topic.setdefault(topic, []).append(reader)
+        reader = LocalReader(data, state)
+        self._endpoints.add(reader)
         sedp.announce(reader, self._subscriptions, now, wall_ns)
         for remote in self.remotes.values():
             for endpoint in remote.endpoints.values():
@@ -240,16 +247,8 @@ class Participant:
 
     def delete(self, endpoint: LocalWriter | LocalReader, now: float, wall_ns: int) -> None:
         """Delete one of our endpoints and announce that; idempotent."""
-        guid = endpoint.data.guid
-        table: dict[bytes, LocalWriter] | dict[bytes, LocalReader] = (
-            self.writers if isinstance(endpoint, LocalWriter) else self.readers
-        )
-        if table.pop(guid[ids.PREFIX_SIZE :], None) is None:
+        if not self._endpoints.remove(endpoint):
             return
-        same = self._by_topic[endpoint.data.topic]
-        same.remove(endpoint)
-        if not same:
-            del self._by_topic[endpoint.data.topic]
         if isinstance(endpoint, LocalWriter):
             self._outbox.burst.discard(endpoint.state)
             self._schedule.remove(endpoint.state)
@@ -285,14 +284,6 @@ class Participant:
         else:
             ours.state.match(theirs.guid, theirs.qos.reliable, now, lifespan(theirs.qos))
 
-    def _counterparts(self, theirs: EndpointData) -> list[LocalWriter | LocalReader]:
-        """Our endpoints of the topic that are of the other kind."""
-        return [
-            ours
-            for ours in self._by_topic.get(theirs.topic, ())
-            if ours.data.is_writer != theirs.is_writer
-        ]
-
     def _match_builtin(self, remote: RemoteParticipant, now: float) -> None:
         for endpoints in self._builtins:
             endpoints.match(remote, now)
@@ -320,7 +311,7 @@ class Participant:
             return
         remote.answers_to.pop(guid, None)
         self._known.give_back(cost(endpoint), remote.prefix)
-        for ours in self._counterparts(endpoint):
+        for ours in self._endpoints.counterparts(endpoint):
             ours.state.unmatch(guid)
             if isinstance(ours, LocalWriter):
                 ours.on_leave(guid)
@@ -390,9 +381,7 @@ class Participant:
         else:
             remote.answers_to.pop(guid, None)
 
-    def _dispatch(
-        self, remote: RemoteParticipant, submessage: submessages.Submessage, now: float
-    ) -> bool:
+    def _dispatch(self, remote: RemoteParticipant, submessage: Submessage, now: float) -> bool:
         """Give a submessage to the endpoints it is for; False where its sender has begun anew."""
         if isinstance(submessage, AckNack | NackFrag):
             writer = self.writers.get(submessage.writer)
@@ -404,40 +393,14 @@ class Participant:
             return True
         if not isinstance(submessage, Data | DataFrag | Heartbeat | HeartbeatFrag | Gap):
             return True
-        is_same = True
         guid = remote.prefix + submessage.writer
         if submessage.reader == ids.ENTITY_UNKNOWN:
-            readers = self._readers_of(remote, guid)
+            endpoint = remote.endpoints.get(guid)
+            readers = self._endpoints.readers_of(guid, "" if endpoint is None else endpoint.topic)
         else:
             named = self.readers.get(submessage.reader)
             readers = [] if named is None else [named.state]
-        for reader in readers:
-            if isinstance(submessage, Data | DataFrag):
-                is_same &= reader.is_continued(guid, submessage.number, now)
-            if isinstance(submessage, Data):
-                reader.on_data(
-                    guid, submessage.number, submessage.payload, submessage.inline_qos,
-                    submessage.little, submessage.is_key, now,
-                )  # fmt: skip
-            elif isinstance(submessage, DataFrag):
-                reader.on_fragments(guid, submessage, now)
-            elif isinstance(submessage, Heartbeat):
-                is_same &= reader.on_heartbeat(guid, submessage, now)
-            elif isinstance(submessage, Gap):
-                reader.on_gap(guid, submessage)
-            else:
-                reader.on_heartbeat_frag(guid, submessage, now)
-        return is_same
-
-    def _readers_of(self, remote: RemoteParticipant, guid: bytes) -> list[StatefulReader]:
-        """Our readers that match a writer of others."""
-        endpoint = remote.endpoints.get(guid)
-        if endpoint is None:
-            states = [endpoints.reader.state for endpoints in self._builtins]
-        else:
-            found = self._by_topic.get(endpoint.topic, ())
-            states = [reader.state for reader in found if isinstance(reader, LocalReader)]
-        return [state for state in states if guid in state.writers]
+        return all([reader.receive(guid, submessage, now) for reader in readers])
 
     def _on_announcement(
         self, data: Data, prefix: bytes, source: str, octets: int, now: float
@@ -552,7 +515,7 @@ class Participant:
         if not self._exchange(before, cost(endpoint), remote.prefix):
             return
         remote.endpoints[endpoint.guid] = endpoint
-        for ours in self._counterparts(endpoint):
+        for ours in self._endpoints.counterparts(endpoint):
             self._match(ours, endpoint, self._now)
         self.on_endpoint(endpoint, True)
 

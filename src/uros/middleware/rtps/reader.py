@@ -16,19 +16,10 @@ from typing import Final, NamedTuple
 
 from ..guid import CYCLONE_DDS, FAST_DDS
 from . import ids, parameters
+from .kinds import Data, DataFrag, Gap, Heartbeat, HeartbeatFrag
 from .parameters import InlineQos
 from .reassembly import MAX_INCOMPLETE, IncompleteSample, OctetBudget
-from .submessages import (
-    MAX_BITS,
-    DataFrag,
-    Gap,
-    Heartbeat,
-    HeartbeatFrag,
-    MalformedError,
-    encode_acknack,
-    encode_nack_frag,
-    unpadded,
-)
+from .submessages import MAX_BITS, MalformedError, encode_acknack, encode_nack_frag, unpadded
 
 # Attack: samples far ahead of what is expected, each of which would be held. Numbers, and what an
 # entry costs besides its octets.
@@ -199,6 +190,31 @@ class StatefulReader:
             self.unmatch(guid)
 
     # --- what comes -----------------------------------------------------------------------
+
+    def receive(
+        self,
+        writer: bytes,
+        submessage: Data | DataFrag | Heartbeat | HeartbeatFrag | Gap,
+        now: float,
+    ) -> bool:
+        """Handle a submessage of a writer; False where the writer has begun anew."""
+        is_same = True
+        if isinstance(submessage, Data | DataFrag):
+            is_same = self.is_continued(writer, submessage.number, now)
+        if isinstance(submessage, Data):
+            self.on_data(
+                writer, submessage.number, submessage.payload, submessage.inline_qos,
+                submessage.little, submessage.is_key, now,
+            )  # fmt: skip
+        elif isinstance(submessage, DataFrag):
+            self.on_fragments(writer, submessage, now)
+        elif isinstance(submessage, Heartbeat):
+            is_same = self.on_heartbeat(writer, submessage, now)
+        elif isinstance(submessage, Gap):
+            self.on_gap(writer, submessage)
+        else:
+            self.on_heartbeat_frag(writer, submessage, now)
+        return is_same
 
     def on_data(
         self,

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Hashable
 from typing import Final
 
-from .submessages import DataFrag
+from .kinds import DataFrag
 
 # The largest sample that is put together. A 4K picture of 3 octets a pixel has 25 MB.
 MAX_SAMPLE: Final = 28 * 1024 * 1024

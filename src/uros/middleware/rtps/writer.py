@@ -12,19 +12,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from typing import Final, NamedTuple
+from typing import Final
 
 from . import ids
+from .changes import Change, Packet, gaps
+from .kinds import AckNack, NackFrag
 from .reader import is_newer
-from .submessages import (
-    MAX_BITS,
-    AckNack,
-    NackFrag,
-    encode_data,
-    encode_data_frag,
-    encode_gap,
-    encode_heartbeat,
-)
+from .submessages import encode_data, encode_data_frag, encode_heartbeat
 
 # Seconds between heartbeats while a reader has not acknowledged everything, at first and at last:
 # a reader that does not answer is asked more and more seldom.
@@ -51,54 +45,6 @@ MAX_HISTORY: Final = 64 * 1024 * 1024
 _PATIENCE: Final = 10.0
 # A reader whose acknowledgements are behind its earlier ones, for so many seconds, has begun anew.
 _RESTART_AFTER: Final = 1.0
-
-
-class Change(NamedTuple):
-    """A sample in the history.
-
-    Attributes:
-        number: Its sequence number.
-        payload: The sample with its encapsulation header; None for a farewell.
-        inline_qos: Inline QoS, little endian; empty without one.
-        time_ns: When it was written, in ns since 1970; None: unknown.
-        readers: The GUIDs of the only readers that it is for; None: for all.
-        is_key: Whether the payload is a key.
-        with_header: The payload for readers that expect the identity of a request in it, and not in
-            inline QoS; None where there is no such difference.
-        expires: When its lifespan is over; infinity: never.
-    """
-
-    number: int
-    payload: bytes | None
-    inline_qos: bytes
-    time_ns: int | None
-    readers: frozenset[bytes] | None
-    is_key: bool
-    with_header: bytes | None
-    expires: float
-
-    @property
-    def octets(self) -> int:
-        """What it takes of the history's limit."""
-        return len(self.payload or b"") + len(self.with_header or b"")
-
-    def is_for(self, reader: bytes) -> bool:
-        """Return whether it is for the reader of a GUID."""
-        return self.readers is None or reader in self.readers
-
-
-class Packet(NamedTuple):
-    """Submessages for one reader, or for all matched readers.
-
-    Attributes:
-        reader: The GUID of the reader; None: for all.
-        submessages: The submessages, which must stay in one message.
-        time_ns: The source time of DATA in it; None without one.
-    """
-
-    reader: bytes | None
-    submessages: bytes
-    time_ns: int | None
 
 
 class RepeatBudget:
@@ -349,7 +295,7 @@ class StatefulWriter:
                 continue
             if not change.is_for(proxy.guid):
                 # Otherwise its next acknowledgement would ask for it.
-                packets += self._gaps(proxy, [self.last])
+                packets += gaps(self._entity, proxy.guid, [self.last])
             self._schedule_heartbeat(proxy, now)
         return packets
 
@@ -622,7 +568,7 @@ class StatefulWriter:
                 yield packet
                 if octets >= _RESEND_OCTETS:
                     break
-        yield from self._gaps(proxy, irrelevant)
+        yield from gaps(self._entity, proxy.guid, irrelevant)
         if proxy.requested or proxy.fragments:
             proxy.resend_at = now + _RESEND_PAUSE
         else:  # whether it has all of it
@@ -648,18 +594,6 @@ class StatefulWriter:
                 del proxy.fragments[number]
             if fragment <= last:
                 yield Packet(proxy.guid, self._fragment(change, proxy, fragment), change.time_ns)
-
-    def _gaps(self, proxy: ReaderProxy, numbers: list[int]) -> Iterator[Packet]:
-        """GAP submessages for these numbers, which rise."""
-        reader = proxy.guid[ids.PREFIX_SIZE :]
-        while numbers:
-            start = base = numbers[0]
-            while numbers and numbers[0] == base:
-                numbers.pop(0)
-                base += 1
-            near = [number for number in numbers if number < base + MAX_BITS]
-            del numbers[: len(near)]
-            yield Packet(proxy.guid, encode_gap(reader, self._entity, start, base, near), None)
 
 
 def _form(change: Change, proxy: ReaderProxy | None) -> tuple[bytes | None, bytes]:
