@@ -9,6 +9,7 @@
 ``reassembly``      Samples that arrive in fragments.
 ``reader``          A reader's side: order, acknowledgements.
 ``changes``         Samples in a writer's history, and what is sent of them.
+``reader_proxy``    What a writer knows of a matched reader.
 ``writer``          A writer's side: history, heartbeats, repetition.
 ``remote``          What is known of another participant, and where it may be sent to.
 ``outbox``          Datagrams from what endpoints send.

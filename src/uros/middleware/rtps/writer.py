@@ -18,18 +18,15 @@ from . import ids
 from .changes import Change, Packet, gaps
 from .kinds import AckNack, NackFrag
 from .reader import is_newer
+from .reader_proxy import HEARTBEAT_FIRST, ReaderProxy
 from .submessages import encode_data, encode_data_frag, encode_heartbeat
 
-# Seconds between heartbeats while a reader has not acknowledged everything, at first and at last:
-# a reader that does not answer is asked more and more seldom.
-_HEARTBEAT_FIRST: Final = 0.05
+# Seconds between heartbeats while a reader has not acknowledged everything, at last: a reader that
+# does not answer is asked more and more seldom.
 _HEARTBEAT_LAST: Final = 2.0
 # What readers are not asked to acknowledge behind each burst: samples of a reader, octets in all.
 _UNASKED: Final = 16
 _UNASKED_OCTETS: Final = 16 * 1024
-# A reader that has matched here may not know the writer yet, and one of Cyclone begins after the
-# first heartbeat: samples wait for its first acknowledgement, or for so many seconds.
-_MAX_WAIT: Final = 1.0
 # Attack: a request for all of a large sample, again and again. Octets that are sent again to one
 # reader at once; the rest follows after a pause, in seconds.
 _RESEND_OCTETS: Final = 32 * 1024
@@ -66,49 +63,6 @@ class RepeatBudget:
     def spend(self, octets: int) -> None:
         """Note octets that are repeated."""
         self._octets -= octets
-
-
-class ReaderProxy:
-    """What a writer knows of one matched reader.
-
-    Attributes:
-        guid: The reader's GUID.
-        reliable: Whether it acknowledges.
-        first: The first number that is for it.
-        acked: All numbers up to this one are acknowledged.
-        heard_at: When it acknowledged last, or matched.
-        is_stalled: Whether a full history is not kept for it, as it does not acknowledge.
-        behind_since: When its acknowledgements began to be behind earlier ones; None: they are not.
-        wants_header: Whether it expects the identity of a request in the payload.
-        waits_until: When samples are sent although it has acknowledged nothing; None after its
-            first acknowledgement.
-    """
-
-    __slots__ = (
-        "acked", "acknack_counter", "behind_since", "first", "fragments", "guid", "heard_at",
-        "heartbeat_at", "heartbeat_pause", "is_stalled", "nack_frag_counter", "reliable",
-        "requested", "resend_at", "waits_until", "wants_header",
-    )  # fmt: skip
-
-    def __init__(
-        self, guid: bytes, reliable: bool, first: int, wants_header: bool, now: float
-    ) -> None:
-        self.guid = guid
-        self.reliable = reliable
-        self.first = first
-        self.acked = first - 1
-        self.heard_at = now
-        self.is_stalled = False
-        self.behind_since: float | None = None
-        self.acknack_counter: int | None = None
-        self.nack_frag_counter: int | None = None
-        self.requested: set[int] = set()  # numbers to send again
-        self.fragments: dict[int, set[int]] = {}  # fragments to send again, by number
-        self.resend_at: float | None = None
-        self.heartbeat_at: float | None = None
-        self.heartbeat_pause = _HEARTBEAT_FIRST
-        self.wants_header = wants_header
-        self.waits_until = now + _MAX_WAIT if reliable else None
 
 
 class StatefulWriter:
@@ -286,7 +240,7 @@ class StatefulWriter:
         for proxy in self.readers.values():
             if proxy.waits_until is not None:
                 self._schedule_heartbeat(proxy, now)
-                if proxy.heartbeat_pause == _HEARTBEAT_FIRST and change.is_for(proxy.guid):
+                if proxy.heartbeat_pause == HEARTBEAT_FIRST and change.is_for(proxy.guid):
                     proxy.heartbeat_at = now  # it may know the writer by now
                 continue
             if not is_for_all and change.is_for(proxy.guid):
@@ -416,7 +370,7 @@ class StatefulWriter:
         acked = min(acknack.base - 1, self.last)
         if acked > proxy.acked:
             proxy.acked = acked
-            proxy.heartbeat_pause = _HEARTBEAT_FIRST
+            proxy.heartbeat_pause = HEARTBEAT_FIRST
             proxy.requested = {number for number in proxy.requested if number > acked}
             for number in [number for number in proxy.fragments if number <= acked]:
                 del proxy.fragments[number]
@@ -572,7 +526,7 @@ class StatefulWriter:
         if proxy.requested or proxy.fragments:
             proxy.resend_at = now + _RESEND_PAUSE
         else:  # whether it has all of it
-            proxy.heartbeat_pause = _HEARTBEAT_FIRST
+            proxy.heartbeat_pause = HEARTBEAT_FIRST
             proxy.heartbeat_at = now
 
     def _asked_data(self, proxy: ReaderProxy, change: Change) -> Iterator[Packet]:
