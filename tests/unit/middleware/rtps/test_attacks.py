@@ -23,7 +23,15 @@ from support.rtps_network import (
     writer_of,
 )
 
-from uros.middleware.rtps import ids, parameters, participant, reader, remote, submessages, writer
+from uros.middleware.rtps import (
+    ids,
+    parameters,
+    participant,
+    reader,
+    remote,
+    submessages,
+    writer,
+)
 from uros.middleware.rtps.locators import UDPV4, Locator
 from uros.middleware.rtps.parameters import EndpointData, ParticipantData
 from uros.middleware.rtps.reassembly import OctetBudget
@@ -837,3 +845,28 @@ def test_any_depth_of_a_profile_is_served(network, depth):
         sender.write(cdr(number), 0, network.now)
         network.step(0.1)
     assert inbox.samples == [cdr(number) for number in range(5)]
+
+
+def test_readers_take_turns_where_the_rate_of_repetitions_is_used_up(monkeypatch):
+    monkeypatch.setattr(writer, "_REPEAT_RATE", 1_000_000)
+    monkeypatch.setattr(writer, "_REPEAT_BURST", 1000)
+    state = writer.StatefulWriter(prefix(1) + b"\0\0\1\3", True, False, None, 1200)
+    hostile, other = prefix(2) + b"\0\0\1\4", prefix(3) + b"\0\0\1\4"
+    now = 100.0
+    for guid in (hostile, other):
+        state.match(guid, True, False, now)
+        state.on_acknack(guid, submessages.AckNack(guid[12:], b"", 1, (), 1, True), now)
+    for number in range(100):
+        state.write(cdr(number, 1000), 0, now)
+    everything = tuple(range(1, 101))
+    asks = submessages.AckNack(other[12:], b"", 1, everything, 2, True)
+    state.on_acknack(other, asks, now)
+    got = 0
+    for count in range(400):
+        asks = submessages.AckNack(hostile[12:], b"", 1, everything, count + 2, True)
+        state.on_acknack(hostile, asks, now)
+        got += sum(
+            packet.reader == other and packet.time_ns is not None for packet in state.poll(now)
+        )
+        now += 0.001
+    assert got == 100

@@ -11,6 +11,7 @@ from support.rtps_network import (
     LATCHED,
     Inbox,
     Network,
+    Stranger,
     announcement,
     cdr,
     is_acknowledged,
@@ -394,3 +395,33 @@ def test_a_request_that_is_not_answered_is_repeated_without_a_heartbeat():
     assert inbox.samples == [cdr(1)] and proxy.retry_at is None
     assert not requests()
     assert one.remotes
+
+
+def test_a_best_effort_writer_that_begins_anew_is_noticed_by_its_numbers():
+    """Its participant came back under its GUID, with as many announcements as before."""
+    network = RoughNetwork(1)
+    one = network.add(1)
+    inbox = Inbox(network, one, qos=BEST_EFFORT)
+    stranger = Stranger(network, one)
+    stranger.announce()
+    entity = stranger.endpoint("rt/chatter", True)[12:]
+    before = one.remotes[stranger.prefix]
+
+    def send(number):
+        stranger.send(submessages.encode_data(bytes(4), entity, number, cdr(number)))
+
+    for number in (20, 21, 21, 5):
+        send(number)
+    network.now += 1.5
+    send(22)  # a datagram came late, that was all
+    send(1)
+    network.now += 0.5
+    send(2)
+    assert one.remotes[stranger.prefix] is before
+    network.now += 0.6
+    send(3)
+    assert one.remotes[stranger.prefix] is not before
+    stranger.count = 0
+    stranger.endpoint("rt/chatter", True, guid=stranger.prefix + entity)
+    send(4)
+    assert inbox.samples == [cdr(20), cdr(21), cdr(22), cdr(4)]

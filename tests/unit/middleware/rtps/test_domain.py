@@ -1,0 +1,78 @@
+"""Limits of a domain: the time of a turn, datagrams that wait, replies that wait."""
+
+import pytest
+
+from uros.middleware.base import Service
+from uros.middleware.rtps import domain as domain_module
+from uros.middleware.rtps import ids, services, submessages
+from uros.middleware.rtps.locators import UDPV4, Locator
+from uros.middleware.rtps.middleware import RtpsMiddleware
+from uros.qos import QoSProfile
+
+SERVICE = Service(
+    "rq/echoRequest", "std_srvs::srv::dds_::Trigger_Request_",
+    "rr/echoReply", "std_srvs::srv::dds_::Trigger_Response_",
+)  # fmt: skip
+
+
+@pytest.fixture
+def middleware(own_domain_id):
+    made = RtpsMiddleware()
+    made.node = made.create_node(own_domain_id, "/", "limits")
+    made.domain = made._domains[own_domain_id]
+    yield made
+    made.close()
+
+
+class Clock:
+    """A clock on which each look takes a millisecond."""
+
+    def __init__(self):
+        self.now = 1000.0
+
+    def monotonic(self):
+        self.now += 0.001
+        return self.now
+
+
+def test_a_flood_of_datagrams_ends_a_turn_after_ten_milliseconds(middleware, monkeypatch):
+    taken = []
+
+    def flood():
+        while True:
+            taken.append(1)
+            yield memoryview(submessages.header(ids.NO_PREFIX)), "127.0.0.1"
+
+    monkeypatch.setattr(middleware.domain._sockets, "receive", flood)
+    monkeypatch.setattr(domain_module, "time", Clock())
+    middleware.domain.receive()
+    assert 5 <= len(taken) <= 12
+
+
+def test_datagrams_that_wait_are_limited_for_all_places_together(middleware, monkeypatch):
+    """Many participants that ask for more than can be sent."""
+    domain = middleware.domain
+    domain._backlog_octets.limit = 1_000_000
+    monkeypatch.setattr(domain._sockets, "send", lambda datagram, place: False)
+    places = [Locator(UDPV4, 7410, f"127.0.1.{number}") for number in range(10)]
+    for place in places:
+        datagrams = [(bytes(1000), place)] * 1000
+        monkeypatch.setattr(
+            domain.participant, "take_datagrams", lambda datagrams=datagrams: datagrams
+        )
+        domain._send()
+    waiting = {place: len(domain._backlog[place]) for place in places}
+    assert sum(waiting.values()) * 1000 == domain._backlog_octets.used <= 1_000_000
+    assert waiting[places[0]] == 500 and waiting[places[2]] >= 100
+    monkeypatch.undo()
+    domain._backlog.clear()
+
+
+def test_replies_whose_readers_do_not_match_are_limited_in_octets(middleware, monkeypatch):
+    """Requests in the name of readers that never come, for large replies."""
+    monkeypatch.setattr(services, "_MAX_WAITING_OCTETS", 1_000_000)
+    replier = middleware.node.create_replier(SERVICE, QoSProfile(), lambda: None)
+    for number in range(30):
+        reader = bytes(12) + bytes([0, 0, number, ids.KIND_READER_NO_KEY])
+        assert replier.reply(b"\1" + reader[1:], number, b"\0\1\0\0" + bytes(100_000))
+    assert len(replier._waiting) == 9
