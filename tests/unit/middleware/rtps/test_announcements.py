@@ -18,9 +18,10 @@ from support.rtps_network import (
 )
 
 from uros.middleware.rtps import ids, parameters, spdp, submessages
+from uros.middleware.rtps.kinds import Data, DataFrag, HeartbeatFrag
 from uros.middleware.rtps.locators import UDPV4, Locator
 from uros.middleware.rtps.parameters import EndpointData
-from uros.middleware.rtps.submessages import Data
+from uros.middleware.rtps.participant import Participant
 from uros.qos import QoSProfile
 
 PLACE = Locator(UDPV4, 7410, "10.0.0.1")
@@ -199,3 +200,40 @@ def test_partitions_do_not_match_and_are_named(network):
     assert writer.matched() == 0 and named == [["partition"]]
     stranger.endpoint("rt/chatter", False, qos=QoSProfile(partitions=("lab", "")))
     assert writer.matched() == 1
+
+
+@pytest.mark.parametrize("size", [600, 1400, 14_720])
+def test_the_size_of_messages_is_an_option(network, size):
+    one = Participant(prefix(1), 0, [PLACE], [GROUP], [], b"", network.now, size)
+    network.members["10.0.0.1"] = one
+    two = network.add(2)
+    writer, inbox = writer_of(network, one), Inbox(network, two)
+    network.until(writer.matched)
+    network.step(0.1, 10)
+    network.log.clear()
+    writer.write(cdr(1, 100_000), 0, network.now)
+    network.until(lambda: inbox.samples)
+    assert size - 200 < max(map(len, network.sent("10.0.0.1"))) <= size
+    fragments = [
+        fragment
+        for datagram in network.sent("10.0.0.1")
+        for fragment in submessages.read(memoryview(datagram))
+        if isinstance(fragment, DataFrag)
+    ]
+    assert len(fragments) == pytest.approx(100_012 / fragments[0].fragment_size, abs=1)
+
+
+def test_no_heartbeat_of_fragments_is_sent(network):
+    """Fast DDS ignores it: what lacks is asked for after a heartbeat."""
+    one, two = pair(network)
+    writer, inbox = writer_of(network, one), Inbox(network, two)
+    network.until(writer.matched)
+    network.loss = 0.2
+    writer.write(cdr(1, 50_000), 0, network.now)
+    network.until(lambda: inbox.samples)
+    kinds = {
+        type(submessage)
+        for _, datagram, _ in network.log
+        for submessage in submessages.read(memoryview(datagram))
+    }
+    assert DataFrag in kinds and HeartbeatFrag not in kinds
