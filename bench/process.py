@@ -27,8 +27,10 @@ LOOPBACK = (
 class Process:
     """A child process that prints a line when it is ready."""
 
-    def __init__(self, *arguments: str, ready: str, python: Path | str = sys.executable) -> None:
-        environment = dict(os.environ, CYCLONEDDS_URI=LOOPBACK, PYTHONUNBUFFERED="1")
+    def __init__(
+        self, *arguments: str, ready: str, python: Path | str = sys.executable, **variables: str
+    ) -> None:
+        environment = dict(os.environ, CYCLONEDDS_URI=LOOPBACK, PYTHONUNBUFFERED="1", **variables)
         self._process = subprocess.Popen(
             [str(python), *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
             text=True, env=environment, cwd=HERE,

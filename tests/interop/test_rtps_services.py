@@ -75,6 +75,8 @@ def _nodes(kind, agent, middleware, domain):
         if kind == "board":
             options.update(key=next(keys))
             return uros.Node(name, UdpTransport("127.0.0.1", agent.port), **options)
+        if middleware == "auto":  # the default of a host's node
+            return uros.Node(name, domain_id=domain, **options)
         return uros.Node(name, Direct(open_middleware(middleware), domain), **options)
 
     made = Nodes(make)
