@@ -7,9 +7,9 @@ import pytest
 from support.rtps_network import LATCHED, Inbox, Network, Stranger, cdr, pair, writer_of
 
 from uros.middleware.rtps import ids, parameters, submessages
+from uros.middleware.rtps.kinds import AckNack, DataFrag, Gap, Heartbeat
 from uros.middleware.rtps.reader import StatefulReader
 from uros.middleware.rtps.reassembly import OctetBudget
-from uros.middleware.rtps.submessages import AckNack, DataFrag, Gap, Heartbeat
 from uros.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
 
 WRITER = b"\x01\x75" + bytes(10) + b"\0\0\1\3"

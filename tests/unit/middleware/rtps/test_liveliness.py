@@ -14,8 +14,8 @@ from support.rtps_network import (
 )
 
 from uros.middleware.rtps import ids, parameters, submessages
+from uros.middleware.rtps.kinds import Data, Heartbeat
 from uros.middleware.rtps.liveliness import write_participant_message
-from uros.middleware.rtps.submessages import Data, Heartbeat
 from uros.qos import LivelinessPolicy, QoSProfile
 
 MANUAL = LivelinessPolicy.MANUAL_BY_TOPIC

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from uros.middleware.guid import FAST_DDS
 from uros.middleware.rtps import ids, parameters
+from uros.middleware.rtps.kinds import Data
 from uros.middleware.rtps.locators import UDPV4, UDPV6, Locator
 from uros.middleware.rtps.parameters import (
     EndpointData,
@@ -24,7 +25,7 @@ from uros.middleware.rtps.parameters import (
     write_endpoint,
     write_participant,
 )
-from uros.middleware.rtps.submessages import Data, MalformedError, read
+from uros.middleware.rtps.submessages import MalformedError, read
 from uros.qos import (
     DurabilityPolicy,
     HistoryPolicy,

@@ -11,9 +11,7 @@ from hypothesis import strategies as st
 from support.rtps_network import is_acknowledged
 
 from uros.middleware.rtps import ids, submessages
-from uros.middleware.rtps.reader import StatefulReader, is_newer
-from uros.middleware.rtps.reassembly import MAX_SAMPLE, OctetBudget
-from uros.middleware.rtps.submessages import (
+from uros.middleware.rtps.kinds import (
     AckNack,
     Data,
     DataFrag,
@@ -22,6 +20,8 @@ from uros.middleware.rtps.submessages import (
     HeartbeatFrag,
     NackFrag,
 )
+from uros.middleware.rtps.reader import StatefulReader, is_newer
+from uros.middleware.rtps.reassembly import MAX_SAMPLE, OctetBudget
 from uros.middleware.rtps.writer import StatefulWriter
 
 WRITER = b"\x01\x75" + bytes(10) + b"\0\0\1\3"

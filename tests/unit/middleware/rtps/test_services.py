@@ -8,9 +8,9 @@ from support.rtps_pair import Pair
 from uros.middleware.base import Service
 from uros.middleware.guid import FAST_DDS
 from uros.middleware.rtps import ids, parameters, services, submessages
+from uros.middleware.rtps.kinds import Data
 from uros.middleware.rtps.parameters import EndpointData, ParticipantData
 from uros.middleware.rtps.remote import RemoteParticipant
-from uros.middleware.rtps.submessages import Data
 from uros.qos import QoSProfile
 
 TRIGGER = Service(

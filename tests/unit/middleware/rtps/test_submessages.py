@@ -14,8 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from uros.middleware.rtps import ids, submessages
-from uros.middleware.rtps.locators import UDPV4, UDPV6, Locator
-from uros.middleware.rtps.submessages import (
+from uros.middleware.rtps.kinds import (
     AckNack,
     Data,
     DataFrag,
@@ -26,11 +25,10 @@ from uros.middleware.rtps.submessages import (
     InfoReply,
     InfoSource,
     InfoTimestamp,
-    MalformedError,
     NackFrag,
-    read,
-    read_header,
 )
+from uros.middleware.rtps.locators import UDPV4, UDPV6, Locator
+from uros.middleware.rtps.submessages import MalformedError, read, read_header
 
 VECTORS = json.loads((Path(__file__).parent / "vectors.json").read_text("utf-8"))
 KINDS = {

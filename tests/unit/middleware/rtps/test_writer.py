@@ -6,9 +6,9 @@ import random
 import pytest
 
 from uros.middleware.rtps import parameters, submessages
+from uros.middleware.rtps.kinds import AckNack, Data, DataFrag, Gap, Heartbeat, NackFrag
 from uros.middleware.rtps.reader import StatefulReader
 from uros.middleware.rtps.reassembly import OctetBudget
-from uros.middleware.rtps.submessages import AckNack, Data, DataFrag, Gap, Heartbeat, NackFrag
 from uros.middleware.rtps.writer import StatefulWriter
 
 PREFIX = b"\x01\x75" + bytes(10)
