@@ -89,8 +89,12 @@ def own_domain_id() -> Iterator[int]:
 
 @pytest.fixture(scope="session")
 def ros_python() -> Path:
-    """The interpreter with the real rclpy, for a separate process."""
-    python = ROOT / ".venv-ros" / "bin" / "python"
+    """The interpreter with the real rclpy, for a separate process.
+
+    UROS_TEST_ROS_PYTHON names that of another ROS 2.
+    """
+    named = os.environ.get("UROS_TEST_ROS_PYTHON")
+    python = Path(named) if named else ROOT / ".venv-ros" / "bin" / "python"
     if not python.exists():
         pytest.fail("there is no .venv-ros: run python3 scripts/env.py ros")
     return python
