@@ -169,6 +169,52 @@ def test_a_late_subscription_gets_no_sample_whose_lifespan_is_over(plane, peer):
     assert not peer.messages[topic]
 
 
+def create_reader(plane, topic, **qos):
+    with plane.lock:
+        return plane.node.create_reader(f"rt{topic}", TYPE, QoSProfile(**qos), lambda: None)
+
+
+def publish(peer, topic, **qos):
+    arguments = {"topic": topic, "type": "std_msgs/msg/Int32", "cdr": [SAMPLE.hex()]}
+    return peer.do("publish", **arguments, **qos)["subscribers"]
+
+
+def test_a_sample_of_a_real_publisher_is_not_taken_after_its_lifespan(plane, peer):
+    topic = "/taken_late"
+    reader = create_reader(plane, topic)
+    assert publish(peer, topic, lifespan=500)
+    plane.until(lambda: reader.arrived(1))
+    (proxy,) = reader.local.state.writers.values()
+    assert proxy.lifespan == 0.5
+    over = time.monotonic() + 0.5
+    plane.until(lambda: time.monotonic() > over)
+    with plane.lock:
+        assert not reader.take(1)
+
+
+@pytest.mark.parametrize(
+    ("requested", "offered", "name"),
+    [
+        ({"deadline_ms": 1000}, {"deadline": 2000}, "deadline"),
+        ({"liveliness_lease_ms": 1000}, {"liveliness_lease_duration": 2000}, "liveliness lease"),
+        (
+            {"liveliness": LivelinessPolicy.MANUAL_BY_TOPIC, "liveliness_lease_ms": 1000},
+            {"liveliness_lease_duration": 1000},
+            "liveliness",
+        ),
+    ],
+    ids=["deadline", "lease", "liveliness"],
+)
+def test_a_real_publisher_that_offers_less_is_not_matched_and_named(
+    plane, peer, requested, offered, name
+):
+    topic = "/less_" + "_".join([*requested, *offered])
+    reader = create_reader(plane, topic, **requested)
+    assert not publish(peer, topic, seconds=1, **offered)
+    plane.until(lambda: plane.notices)
+    assert f": {name} (" in plane.notices[0] and not reader.local.state.writers
+
+
 def test_a_missed_deadline_is_reported(plane, peer):
     topic = "/deadline"
     writer = create_writer(plane, topic, deadline_ms=1000)
