@@ -133,6 +133,22 @@ def test_a_reply_of_fast_dds_names_its_request():
     raise AssertionError("no recorded DATA has a related sample identity")
 
 
+def test_fast_dds_before_2_14_relates_requests_and_replies_by_its_own_parameter_alone():
+    """rmw_fastrtps of Humble: a request names the reader of the reply, a reply its request."""
+    found = []
+    for vector in VECTORS:
+        if vector["source"] != "Fast DDS 2.9.1":
+            continue
+        for submessage in read(memoryview(bytes.fromhex(vector["datagram"]))):
+            if isinstance(submessage, Data) and submessage.inline_qos is not None:
+                raw = submessage.inline_qos, submessage.little
+                assert {pid for pid, _ in parameters.parameters(*raw)} == {0x800F}
+                found.append(read_inline_qos(*raw).related)
+    (client, unknown), (reader, number) = found
+    assert client[:2] == FAST_DDS and client[-1] == ids.KIND_READER_NO_KEY and unknown < 1
+    assert reader[:2] == ids.VENDOR and reader[-1] == ids.KIND_READER_NO_KEY and number == 1
+
+
 # --- our own ------------------------------------------------------------------------------------
 
 octets = st.integers(0, 255)
