@@ -87,7 +87,7 @@ def leases(request, monkeypatch):
     """Short leases for tests that ask for them: ours, and those that we believe."""
     if getattr(request, "param", None) == "ours":
         monkeypatch.setattr(participant, "LEASE_MS", 3000)
-        monkeypatch.setattr(spdp, "_ANNOUNCEMENT_PERIOD", 1.0)
+        monkeypatch.setattr(spdp, "_PERIOD", 1.0)
     elif getattr(request, "param", None) == "peer":
         monkeypatch.setattr(remote, "MAX_LEASE_MS", 4500)
     return getattr(request, "param", None)
