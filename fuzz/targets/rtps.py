@@ -39,8 +39,9 @@ from random import Random
 
 from uros.middleware.rtps import ids, parameters, submessages
 from uros.middleware.rtps.locators import UDPV4, Locator
+from uros.middleware.rtps.outbox import MESSAGE_SIZE
 from uros.middleware.rtps.parameters import EndpointData, ParticipantData
-from uros.middleware.rtps.participant import MAX_HELD, MAX_KNOWN, MESSAGE_SIZE, Participant
+from uros.middleware.rtps.participant import MAX_HELD, MAX_KNOWN, Participant
 from uros.middleware.rtps.reader import MAX_AHEAD, Sample
 from uros.middleware.rtps.reassembly import MAX_INCOMPLETE
 from uros.middleware.rtps.remote import cost

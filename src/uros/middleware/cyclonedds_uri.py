@@ -15,6 +15,7 @@ from xml.etree import ElementTree
 from .base import MiddlewareError
 
 NAME: Final = "CYCLONEDDS_URI"
+_UNITS: Final = {"b": 1, "kb": 1 << 10, "kib": 1 << 10, "mb": 1 << 20, "mib": 1 << 20}
 _TRUE: Final = ("true", "1", "yes")
 
 
@@ -93,6 +94,7 @@ class CycloneSettings:
         index: The participant index: a number, ``"auto"``, ``"none"`` or None (not configured).
         max_index: The highest index that is looked for at peers; None: not configured.
         ipv6: Whether UDP over IPv6 replaces IPv4; None: not configured.
+        max_message: The most octets of a datagram; None: not configured.
         unknown: Elements and attributes that are not read.
     """
 
@@ -102,6 +104,7 @@ class CycloneSettings:
     index: int | str | None = None
     max_index: int | None = None
     ipv6: bool | None = None
+    max_message: int | None = None
     unknown: list[str] = field(default_factory=list)
 
 
@@ -175,6 +178,8 @@ def _read_section(settings: CycloneSettings, section: ElementTree.Element) -> No
             settings.ipv6 = value.lower() == "udp6"
         elif name == "general" and child == "useipv6":
             settings.ipv6 = value.lower() in _TRUE
+        elif name == "general" and child == "maxmessagesize":
+            settings.max_message = _octets(_shown(element.tag), value)
         elif name == "discovery" and child == "peers":
             settings.peers += [
                 found
@@ -215,6 +220,17 @@ def _index(tag: str, value: str) -> int | str | None:
     if text == "default":
         return None
     return text if text in ("auto", "none") else _number(tag, value)
+
+
+def _octets(tag: str, value: str) -> int | None:
+    """Read a size as Cyclone has it: a number with a unit, such as ``1400 B`` or ``8 kB``."""
+    if value.lower() == "default":
+        return None
+    digits = value.rstrip("BbKkMmIi ")
+    unit = value[len(digits) :].strip().lower()
+    if unit not in _UNITS:
+        raise MiddlewareError(f"{NAME}: {tag} {value!r} is no size; write it as 1400 B")
+    return _number(tag, digits) * _UNITS[unit]
 
 
 def _number(tag: str, value: str) -> int:

@@ -92,17 +92,29 @@ def test_the_configuration_of_another_domain_does_not_count():
 def test_what_is_not_read_is_named_once():
     xml = (
         '<Tracing xmlns="https://cdds.io/config"><Verbosity>fine</Verbosity></Tracing><Tracing/>'
-        "<General><MaxMessageSize>1000B</MaxMessageSize>"
+        "<General><FragmentSize>1000B</FragmentSize>"
         '<Interfaces><NetworkInterface name="a" priority="3"/><Psmx/></Interfaces></General>'
         "<Discovery><Tag>x</Tag><ParticipantIndex>default</ParticipantIndex></Discovery>"
     )
-    unknown = ["Tracing", "MaxMessageSize", "NetworkInterface priority", "Psmx", "Tag"]
+    unknown = ["Tracing", "FragmentSize", "NetworkInterface priority", "Psmx", "Tag"]
     assert read_settings(xml, 0).unknown == unknown
+
+
+@pytest.mark.parametrize(
+    "value, octets",
+    [("1400B", 1400), ("1400 B", 1400), ("8kB", 8192), ("14 KiB", 14336), ("1MB", 1 << 20),
+     ("default", None)],
+)  # fmt: skip
+def test_the_size_of_messages(value, octets):
+    xml = f"<General><MaxMessageSize>{value}</MaxMessageSize></General>"
+    assert read_settings(xml, 0).max_message == octets
 
 
 @pytest.mark.parametrize(
     "uri, words",
     [
+        ("<General><MaxMessageSize>1400</MaxMessageSize></General>", "'1400' is no size.* 1400 B"),
+        ("<General><MaxMessageSize>huge kB</MaxMessageSize></General>", "'huge' is no number"),
         ("<General>", "not valid XML.*correct the XML"),
         ("<nix", "not valid XML"),
         ("file:///no/such/file.xml", "names file:///no/such/file.xml, which cannot be read"),

@@ -96,13 +96,14 @@ class RtpsDomain:
         self._backlog_at: float | None = None
         self._conflicts = TypeConflicts(self._on_type_conflict)
         now = time.monotonic()
-        self._sockets = DomainSockets(number, network.read_settings(environment, number), now)
+        settings = network.read_settings(environment, number)
+        self._sockets = DomainSockets(number, settings, now)
         for text in self._sockets.notices:
             context.notice(text)
         self.participant = Participant(
             ids.VENDOR + os.urandom(ids.PREFIX_SIZE - len(ids.VENDOR)), number,
             self._sockets.unicast, self._sockets.multicast, self._sockets.peers,
-            user_data.PARTICIPANT, now,
+            user_data.PARTICIPANT, now, settings.message_size,
         )  # fmt: skip
         self.participant.on_participant = self._on_participant
         self.participant.on_endpoint = self._on_endpoint

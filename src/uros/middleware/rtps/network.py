@@ -17,11 +17,16 @@ from ..cyclonedds_uri import CycloneSettings, InterfaceChoice
 from ..environment import discovery_range
 from . import locators
 from .locators import UDPV4, UDPV6, Locator
+from .outbox import MESSAGE_SIZE
 
 # Peers are looked for at these participant indices at least, as Fast DDS does.
 PROBED: Final = 32
 LOOPBACK: Final = {UDPV4: "127.0.0.1", UDPV6: "::1"}
 _LOOPBACK_NAMES: Final = ("lo", "lo0", "localhost", "::1")
+# Octets of a datagram that CYCLONEDDS_URI may ask for: every host accepts the least (RFC 791), and
+# the most is Cyclone's own default.
+_LEAST_MESSAGE: Final = 576
+_MOST_MESSAGE: Final = 14_720
 # Attack and accident: a machine with hundreds of virtual interfaces, whose announcement would
 # exceed a message. Others read no more either (parameters.MAX_LOCATORS).
 _MAX_ADDRESSES: Final = 16
@@ -40,6 +45,7 @@ class NetworkSettings:
         choices: The interfaces that the user named; empty: all of them.
         index: The participant index; None: the lowest free one; -1: none, but any free port.
         peers: Places to announce to besides multicast.
+        message_size: The most octets of a datagram.
         notices: What the user should know about the configuration.
     """
 
@@ -50,6 +56,7 @@ class NetworkSettings:
     choices: tuple[InterfaceChoice, ...] = ()
     index: int | None = None
     peers: tuple[Locator, ...] = ()
+    message_size: int = MESSAGE_SIZE
     notices: tuple[str, ...] = field(default=(), compare=False)
 
     def usable(self, found: Iterable[Interface]) -> list[Interface]:
@@ -122,8 +129,8 @@ def read_settings(environment: Mapping[str, str], domain: int) -> NetworkSetting
     notices = []
     if cyclone.unknown:
         notices.append(
-            "of CYCLONEDDS_URI the rtps middleware uses interfaces, peers, AllowMulticast and"
-            f" ParticipantIndex; it leaves out {', '.join(cyclone.unknown)}"
+            "of CYCLONEDDS_URI the rtps middleware uses interfaces, peers, AllowMulticast,"
+            f" ParticipantIndex and MaxMessageSize; it leaves out {', '.join(cyclone.unknown)}"
         )
     named = [*_static_peers(environment, reach), *cyclone.peers]
     hosts = {peer: _resolve(peer) for peer in dict.fromkeys(named)}
@@ -150,7 +157,8 @@ def read_settings(environment: Mapping[str, str], domain: int) -> NetworkSetting
     return NetworkSettings(
         kinds=kinds, stays_local=stays_local, multicast=multicast, choices=choices,
         index=-1 if cyclone.index == "none" else _number(cyclone.index),
-        peers=tuple(places), notices=tuple(notices),
+        peers=tuple(places), message_size=_message_size(cyclone.max_message),
+        notices=tuple(notices),
     )  # fmt: skip
 
 
@@ -158,6 +166,12 @@ def stays_local(environment: Mapping[str, str], domain: int) -> bool:
     """Return whether no datagram of a domain can leave this machine."""
     settings = read_settings(environment, domain)
     return settings.is_off or settings.stays_local
+
+
+def _message_size(configured: int | None) -> int:
+    if configured is None:
+        return MESSAGE_SIZE
+    return min(max(configured, _LEAST_MESSAGE), _MOST_MESSAGE)
 
 
 def _number(index: int | str | None) -> int | None:

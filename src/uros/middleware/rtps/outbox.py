@@ -7,12 +7,17 @@ INFO_DST (RTPS 8.3.7.7).
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from typing import Final
 
 from . import ids, submessages
 from .changes import Packet
 from .locators import Locator
 from .remote import RemoteParticipant
 from .writer import RepeatBudget, StatefulWriter
+
+# Octets of a message, unless the user chooses another size. Wi-Fi loses the fragments of larger IP
+# datagrams.
+MESSAGE_SIZE: Final = 1400
 
 
 class Outbox:

@@ -41,7 +41,7 @@ from .local import (
     why_unmatched,
 )
 from .locators import Locator
-from .outbox import Outbox
+from .outbox import MESSAGE_SIZE, Outbox
 from .parameters import EndpointData, ParticipantData
 from .reader import Sample, StatefulReader
 from .reassembly import OctetBudget
@@ -50,8 +50,6 @@ from .spdp import LEASE_MS, ParticipantAnnouncer
 from .submessages import MalformedError
 from .writer import StatefulWriter
 
-# Octets of a message. Wi-Fi loses the fragments of larger IP datagrams.
-MESSAGE_SIZE: Final = 1400
 # What a message has besides fragments: headers, INFO_DST, INFO_TS, DATA_FRAG, a heartbeat.
 _FRAGMENT_OVERHEAD: Final = 180
 # Attack: participants and endpoints without end.

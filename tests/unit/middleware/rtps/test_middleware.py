@@ -199,6 +199,33 @@ def test_the_configuration_of_cyclone_chooses_interfaces_peers_and_index(
     middleware.close()
 
 
+@pytest.mark.parametrize(
+    ("configured", "least", "most"), [("default", 1300, 1400), ("8kB", 8000, 8192)]
+)
+def test_messages_have_the_configured_size(monkeypatch, own_domain_id, configured, least, most):
+    uri = f"<General><MaxMessageSize>{configured}</MaxMessageSize></General>"
+    monkeypatch.setenv("CYCLONEDDS_URI", uri)
+    pair = Pair(own_domain_id)
+    taken = []
+    reader = pair.nodes[1].create_reader(
+        "rt/large", TYPE, QoSProfile(), lambda: taken.extend(reader.take(10))
+    )
+    writer = pair.nodes[0].create_writer("rt/large", TYPE, QoSProfile())
+    pair.until(lambda: has_answered(writer))
+    sockets, sizes = pair.domains[0]._sockets, []
+    send = sockets.send
+    monkeypatch.setattr(
+        sockets,
+        "send",
+        lambda datagram, place: sizes.append(len(datagram)) or send(datagram, place),
+    )
+    sample = b"\0\1\0\0" + bytes(30_000)
+    writer.write(sample)
+    pair.until(lambda: taken)
+    assert taken == [sample] and least <= max(sizes) <= most
+    pair.close()
+
+
 def is_readable(middleware):
     return bool(select.select([middleware.fileno()], [], [], 0)[0])
 

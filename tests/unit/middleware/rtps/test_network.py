@@ -228,6 +228,15 @@ def test_versions_of_ip(xml, kinds):
     assert settings(uri=f"<General>{xml}</General>").kinds == kinds
 
 
+@pytest.mark.parametrize(
+    ("configured", "octets"), [("1000B", 1000), ("65500B", 14_720), ("1B", 576), ("default", 1400)]
+)
+def test_the_size_of_messages_has_limits(configured, octets):
+    uri = f"<General><MaxMessageSize>{configured}</MaxMessageSize></General>"
+    assert settings(uri=uri).message_size == octets
+    assert settings().message_size == 1400
+
+
 def test_what_does_not_count_is_named_in_one_notice():
     (notice,) = settings(uri="<Tracing/><Sizing/>").notices
     assert "leaves out Tracing, Sizing" in notice

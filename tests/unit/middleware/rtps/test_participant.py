@@ -17,7 +17,7 @@ from support.rtps_network import (
     writer_of,
 )
 
-from uros.middleware.rtps import ids, parameters, participant, submessages
+from uros.middleware.rtps import ids, outbox, parameters, participant, submessages
 from uros.middleware.rtps.locators import UDPV4, Locator
 from uros.middleware.rtps.parameters import ParticipantData
 from uros.qos import HistoryPolicy, QoSProfile
@@ -78,7 +78,7 @@ def test_a_large_sample_arrives_over_a_link_that_loses(network):
     writer.write(cdr(1, 200_000), 0, network.now)
     network.until(lambda: inbox.samples)
     assert inbox.samples == [cdr(1, 200_000)]
-    assert all(len(datagram) <= participant.MESSAGE_SIZE for _, datagram, _ in network.log)
+    assert all(len(datagram) <= outbox.MESSAGE_SIZE for _, datagram, _ in network.log)
 
 
 def test_samples_of_one_turn_share_messages(network):
