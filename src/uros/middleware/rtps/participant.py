@@ -45,7 +45,7 @@ from .outbox import MESSAGE_SIZE, Outbox
 from .parameters import EndpointData, ParticipantData
 from .reader import Sample, StatefulReader
 from .reassembly import OctetBudget
-from .remote import RemoteParticipant, cost, lease
+from .remote import RemoteEndpoints, RemoteParticipant, cost, lease
 from .spdp import LEASE_MS, ParticipantAnnouncer
 from .submessages import MalformedError
 from .writer import StatefulWriter
@@ -113,6 +113,7 @@ class Participant:
         self.guid = prefix + ids.ENTITY_PARTICIPANT
         self.remotes: dict[bytes, RemoteParticipant] = {}
         self._endpoints = LocalEndpoints()
+        self._remote_endpoints = RemoteEndpoints()
         self.writers = self._endpoints.writers
         self.readers = self._endpoints.readers
         self.malformed = 0
@@ -219,10 +220,8 @@ class Participant:
         self._endpoints.add(writer)
         self._liveliness.add(qos, now)
         sedp.announce(writer, self._publications, now, wall_ns)
-        for remote in self.remotes.values():
-            for endpoint in remote.endpoints.values():
-                if not endpoint.is_writer:
-                    self._match(writer, endpoint, now)
+        for theirs in self._remote_endpoints.counterparts(data):
+            self._match(writer, theirs, now)
         return writer
 
     def create_reader(
@@ -237,10 +236,8 @@ class Participant:
         reader = LocalReader(data, state)
         self._endpoints.add(reader)
         sedp.announce(reader, self._subscriptions, now, wall_ns)
-        for remote in self.remotes.values():
-            for endpoint in remote.endpoints.values():
-                if endpoint.is_writer:
-                    self._match(reader, endpoint, now)
+        for theirs in self._remote_endpoints.counterparts(data):
+            self._match(reader, theirs, now)
         return reader
 
     def delete(self, endpoint: LocalWriter | LocalReader, now: float, wall_ns: int) -> None:
@@ -293,6 +290,7 @@ class Participant:
         self._known.give_back(cost(remote.data), remote.prefix)
         for endpoint in remote.endpoints.values():
             self._known.give_back(cost(endpoint), remote.prefix)
+            self._remote_endpoints.remove(endpoint)
         for writer in self.writers.values():
             writer.state.unmatch_participant(remote.prefix)
             writer.on_leave(remote.prefix)
@@ -307,6 +305,7 @@ class Participant:
         endpoint = remote.endpoints.pop(guid, None)
         if endpoint is None:
             return
+        self._remote_endpoints.remove(endpoint)
         remote.answers_to.pop(guid, None)
         self._known.give_back(cost(endpoint), remote.prefix)
         for ours in self._endpoints.counterparts(endpoint):
@@ -513,6 +512,7 @@ class Participant:
         if not self._exchange(before, cost(endpoint), remote.prefix):
             return
         remote.endpoints[endpoint.guid] = endpoint
+        self._remote_endpoints.add(endpoint)
         for ours in self._endpoints.counterparts(endpoint):
             self._match(ours, endpoint, self._now)
         self.on_endpoint(endpoint, True)

@@ -44,6 +44,29 @@ def cost(data: ParticipantData | EndpointData) -> int:
     return _OVERHEAD + 200 * places + texts + len(data.qos.user_data)
 
 
+class RemoteEndpoints:
+    """The endpoints of others by topic: one of ours must not take longer to create with many."""
+
+    def __init__(self) -> None:
+        self._by_topic: dict[str, dict[bytes, EndpointData]] = {}
+
+    def add(self, endpoint: EndpointData) -> None:
+        """Add an endpoint, or replace what was announced of it before, of the same topic."""
+        self._by_topic.setdefault(endpoint.topic, {})[endpoint.guid] = endpoint
+
+    def remove(self, endpoint: EndpointData) -> None:
+        """Remove an endpoint that was added."""
+        same_topic = self._by_topic[endpoint.topic]
+        del same_topic[endpoint.guid]
+        if not same_topic:
+            del self._by_topic[endpoint.topic]
+
+    def counterparts(self, ours: EndpointData) -> list[EndpointData]:
+        """Return the readers of a writer's topic, or the writers of a reader's."""
+        same_topic = self._by_topic.get(ours.topic, {}).values()
+        return [theirs for theirs in same_topic if theirs.is_writer != ours.is_writer]
+
+
 class RemoteParticipant:
     """A participant that was heard.
 

@@ -209,8 +209,8 @@ class Peer:
         self.remote = participant.remotes[PREFIX] = RemoteParticipant(data, 0.0)
         participant._known.take(10**6, PREFIX)
 
-    def announce(self):
-        data = EndpointData(READER, False, TRIGGER.reply_topic, TRIGGER.reply_type, QoSProfile())
+    def announce(self, type_name=TRIGGER.reply_type):
+        data = EndpointData(READER, False, TRIGGER.reply_topic, type_name, QoSProfile())
         self.participant._on_endpoint(
             services.Sample(
                 parameters.write_endpoint(data), PREFIX + ids.SUBSCRIPTIONS_WRITER, 1, None, False
@@ -249,8 +249,7 @@ def test_a_reply_is_dropped_when_its_reader_or_its_participant_leaves(pair, leav
     peer = Peer(pair.domains[1].participant)
     other = PREFIX[:11] + b"\x08" + READER[12:]
     if leaves == "reader":  # known, but of another type: it does not match
-        data = EndpointData(READER, False, TRIGGER.reply_topic, "other", QoSProfile())
-        peer.remote.endpoints[READER] = data
+        peer.announce("other")
     assert replier.reply(READER, 1, REPLY) and replier.reply(other, 1, REPLY)
     if leaves == "reader":
         peer.withdraw()
