@@ -557,8 +557,20 @@ class Participant:
                 for guid, octets in item.poll(now):
                     self._outbox.add(guid, octets)
             else:
-                self._forget(item)
+                self._give_up(item)
         self.flush()
+
+    def _give_up(self, remote: RemoteParticipant) -> None:
+        """Forget a participant whose lease has ended, and tell it so.
+
+        It may have been stopped, and go on. Fast DDS would then count as received what we have
+        acknowledged before, and not send it again: it has to discover us anew too.
+        """
+        message = self._announcer.farewell()
+        place = remote.place(remote.data.metatraffic_unicast)
+        if place is not None and remote.is_proven:
+            self._outbox.datagrams.append((message, place))
+        self._forget(remote)
 
     def _announce(self, now: float) -> None:
         """Announce ourselves to all, and now and then to each that was heard.

@@ -425,3 +425,35 @@ def test_a_best_effort_writer_that_begins_anew_is_noticed_by_its_numbers():
     stranger.endpoint("rt/chatter", True, guid=stranger.prefix + entity)
     send(4)
     assert inbox.samples == [cdr(20), cdr(21), cdr(22), cdr(4)]
+
+
+def test_a_participant_whose_lease_has_ended_is_told_so():
+    """It may go on later: Fast DDS sends nothing again that was acknowledged before."""
+    network = RoughNetwork(1)
+    matched_pair(network)
+    one, two = network.members["10.0.0.1"], network.members["10.0.0.2"]
+    events = []
+    two.on_participant = lambda data, is_there: events.append((data.guid, is_there))
+    network.stopped.add("10.0.0.2")
+    network.until(lambda: not one.remotes)
+    network.carry()
+    network.stopped.clear()
+    for source, datagram in network.queued.pop("10.0.0.2"):
+        two.receive(memoryview(datagram), source, network.now)
+    assert (one.guid, False) in events
+    network.until(lambda: one.remotes and two.remotes)
+
+
+def test_a_participant_that_has_proven_nothing_is_not_told_that_its_lease_has_ended():
+    network = RoughNetwork(1)
+    one = network.add(1)
+    Stranger(network, one).announce(lease_ms=1000)
+    network.step(0.1, 5)
+    network.log.clear()
+    network.until(lambda: not one.remotes)
+    network.carry()
+    assert not any(
+        isinstance(part, submessages.Data)
+        for datagram in network.sent("10.0.0.1")
+        for part in submessages.read(memoryview(datagram))
+    )
