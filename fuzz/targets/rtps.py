@@ -84,6 +84,8 @@ class Network:
         self.ours: list[bytes] = []  # the last datagrams of ours
         self.injected = 0  # octets that were injected, and octets of ours to strangers
         self.answered = 0
+        self.heard: set[str] = set()  # addresses that ours has heard from, and that have answered
+        self.proven: set[str] = set()
         self.starts = 0
         self.members = {address: self._join(address) for address in (OURS, FRIEND, WITNESS)}
         self.writers = {
@@ -146,6 +148,9 @@ class Network:
     def carry(self) -> None:
         for _ in range(60):
             sent: list[tuple[str, bytes, Locator]] = []
+            for remote in self.members[OURS].remotes.values():
+                self.heard.update(remote.heard)
+                self.proven.update(remote.heard if remote.is_proven else ())
             for address, member in self.members.items():
                 member.poll(self.now)
                 sent += [(address, *item) for item in member.take_datagrams()]
@@ -172,20 +177,14 @@ class Network:
         return is_lost
 
     def _check(self, datagram: bytes, place: Locator) -> None:
-        ours = self.members[OURS]
         must(len(datagram) <= MESSAGE_SIZE, "a datagram beyond the message size")
         list(submessages.read(memoryview(datagram)))
-        heard = {address for remote in ours.remotes.values() for address in remote.heard}
-        must(place == GROUP or place.address in heard, f"a datagram to {place}")
+        must(place == GROUP or place.address in self.heard, f"a datagram to {place}")
         self.sent += len(datagram)
         must(self.sent < _MAX_SENT, "a flood of our own")
         self.ours = [*self.ours[-15:], datagram]
         if place.address in STRANGERS:
-            is_proven = any(
-                remote.is_proven and place.address in remote.heard
-                for remote in ours.remotes.values()
-            )
-            self.answered += 0 if is_proven else len(datagram)
+            self.answered += 0 if place.address in self.proven else len(datagram)
             must(self.answered <= self.injected, "more octets to strangers than from them")
 
     def check(self) -> None:
