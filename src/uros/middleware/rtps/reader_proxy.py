@@ -19,6 +19,7 @@ class ReaderProxy:
         reliable: Whether it acknowledges.
         first: The first number that is for it.
         acked: All numbers up to this one are acknowledged.
+        last_at_match: The last number that the writer had written when they matched.
         heard_at: When it acknowledged last, or matched.
         is_stalled: Whether a full history is not kept for it, as it does not acknowledge.
         behind_since: When its acknowledgements began to be behind earlier ones; None: they are not.
@@ -29,17 +30,18 @@ class ReaderProxy:
 
     __slots__ = (
         "acked", "acknack_counter", "behind_since", "first", "fragments", "guid", "heard_at",
-        "heartbeat_at", "heartbeat_pause", "is_stalled", "nack_frag_counter", "reliable",
-        "requested", "resend_at", "waits_until", "wants_header",
+        "heartbeat_at", "heartbeat_pause", "is_stalled", "last_at_match", "nack_frag_counter",
+        "reliable", "requested", "resend_at", "waits_until", "wants_header",
     )  # fmt: skip
 
     def __init__(
-        self, guid: bytes, reliable: bool, first: int, wants_header: bool, now: float
+        self, guid: bytes, reliable: bool, first: int, last: int, wants_header: bool, now: float
     ) -> None:
         self.guid = guid
         self.reliable = reliable
         self.first = first
         self.acked = first - 1
+        self.last_at_match = last
         self.heard_at = now
         self.is_stalled = False
         self.behind_since: float | None = None

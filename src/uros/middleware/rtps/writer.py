@@ -143,7 +143,7 @@ class StatefulWriter:
         late = wants_history and self._transient_local and bool(self._history)
         first = next(iter(self._history)) if late else self.last + 1
         proxy = self.readers[guid] = ReaderProxy(
-            guid, reliable and self.reliable, first, wants_header, now
+            guid, reliable and self.reliable, first, self.last, wants_header, now
         )
         if proxy.reliable:
             self._schedule_heartbeat(proxy, now)
@@ -473,7 +473,10 @@ class StatefulWriter:
         reader = ids.ENTITY_UNKNOWN if proxy is None else proxy.guid[ids.PREFIX_SIZE :]
         first, last = self._first(), self.last
         if proxy is not None and proxy.waits_until is not None:
-            first, last = proxy.first, proxy.first - 1  # nothing yet
+            # Cyclone takes the first heartbeat of a writer for that of all its readers: volatile
+            # ones begin after the last number, others ask for what is up to it.
+            last = proxy.last_at_match
+            first = min(first, last + 1)
         return encode_heartbeat(
             reader, self._entity, first, last, self._counter & 0x7FFF_FFFF, final, liveliness
         )

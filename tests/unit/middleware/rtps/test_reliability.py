@@ -350,6 +350,19 @@ def test_samples_follow_the_answer_to_a_heartbeat_and_not_a_readers_question():
     assert any(packet.time_ns is not None for packet in link.writer.poll(link.now))  # has DATA
 
 
+@pytest.mark.parametrize("wants_history", [True, False])
+def test_the_first_heartbeat_of_a_reader_tells_what_was_written_before_the_match(wants_history):
+    """A participant on Cyclone takes it for all its readers, some volatile and others not."""
+    writer = Link(transient_local=True, depth=10).writer
+    for number in range(1, 6):
+        writer.write(payload(number), 0, 100.0)
+    first = writer.match(guid(1), True, wants_history, 100.0)
+    writer.write(payload(6), 0, 100.0)  # before the reader has acknowledged
+    for packet in (*first, *writer.poll(100.0)):
+        (told,) = submessages.read(memoryview(submessages.header(bytes(12)) + packet.submessages))
+        assert isinstance(told, Heartbeat) and (told.first, told.last) == (1, 5)
+
+
 def test_heartbeats_of_a_reader_that_does_not_answer_become_seldom():
     link = Link()
     end = End()
