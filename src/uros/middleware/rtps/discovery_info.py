@@ -28,18 +28,26 @@ class RtpsDiscoveryInfo:
         guid: The GUID of our participant.
         number: The domain's number, for notices.
         gid_size: Octets of a Gid that ROS_DISTRO asks for, or None.
+        is_there: Returns whether the participant of a writer's GUID is there.
         notice: Called with a line for the user.
         on_change: Called after each change of the nodes, ours or others'.
     """
 
     def __init__(
-        self, owner: EndpointOwner, guid: bytes, number: int, gid_size: int | None,
-        notice: Callable[[str], None], on_change: Callable[[], None],
-    ) -> None:  # fmt: skip
+        self,
+        owner: EndpointOwner,
+        guid: bytes,
+        number: int,
+        gid_size: int | None,
+        is_there: Callable[[bytes], bool],
+        notice: Callable[[str], None],
+        on_change: Callable[[], None],
+    ) -> None:
         self.nodes: list[codec.NodeEntities] = []
         self.intake = Intake(number, notice)
         self._owner = owner
         self._guid = guid
+        self._is_there = is_there
         self._on_change = on_change
         self._gid_size = GidSizeSelector(number, gid_size, lambda size: self.changed(), notice)
         self._write_at: float | None = None
@@ -99,10 +107,11 @@ class RtpsDiscoveryInfo:
         if turn.is_changed:
             self._on_change()
 
-    def _take(self, reader: RtpsReader) -> tuple[bytes, bytes] | None:
-        """Take a sample of another participant."""
+    def _take(self, reader: RtpsReader) -> tuple[bytes | None, bytes] | None:
+        """Take a sample of another participant, which may have left since it came."""
         while samples := reader.take_samples(1):
             (sample,) = samples
             if sample.writer != self._writer.guid:
-                return sample.writer, sample.payload or b""
+                writer = sample.writer if self._is_there(sample.writer) else None
+                return writer, sample.payload or b""
         return None

@@ -111,6 +111,7 @@ class RtpsDomain:
         if announces_nodes:
             self.info = RtpsDiscoveryInfo(
                 self, self.participant.guid, number, configured_gid_size(environment),
+                lambda writer: writer[: ids.PREFIX_SIZE] in self.participant.remotes,
                 context.notice, self._changed_nodes,
             )  # fmt: skip
 

@@ -59,12 +59,12 @@ class RtpsWriter(Writer):
     """A publisher's writer.
 
     Attributes:
-        local: Its reader and writer of RTPS.
+        local: The writer of our participant.
         readers: The readers of this process that match.
         on_close: Called when it is closed.
     """
 
-    __slots__ = ("_domain", "is_open", "local", "on_close", "readers")
+    __slots__ = ("_domain", "_waits", "is_open", "local", "on_close", "readers")
 
     def __init__(
         self, domain: EndpointOwner, topic: str, type_name: str, qos: QoSProfile,
@@ -73,6 +73,8 @@ class RtpsWriter(Writer):
         self._domain = domain
         self.on_close: Callable[[], None] = _nothing
         self.readers: list[RtpsReader] = []
+        # Whether it waits for room in a reliable reader, instead of losing a sample.
+        self._waits = qos.reliable and qos.history == HistoryPolicy.KEEP_ALL
         self.local = domain.create_local_writer(topic, type_name, qos, wants_header)
         self.is_open = True
         domain.join(self)
@@ -102,20 +104,23 @@ class RtpsWriter(Writer):
             with_header: The sample for readers that want the identity in it.
 
         Returns:
-            False where the history has no room.
+            False where the history, or a reader of this process, has no room.
         """
+        to = [one for one in self.readers if readers is None or one.guid in readers]
+        if self._waits and any(one.is_full and one.local.data.qos.reliable for one in to):
+            return False
         inline_qos = b"" if related is None else write_related_identity(*related)
         now, wall = time.monotonic(), time.time_ns()
         if not self.local.write(payload, wall, now, inline_qos, readers, with_header):
             return False
-        if self.readers:
+        if to:
             qos = None if related is None else InlineQos(related=related)
             received = Sample(
                 payload, self.guid, self.local.state.last, qos, False,
                 now + lifespan(self.local.data.qos),
             )  # fmt: skip
-            for reader in self.readers:
-                if readers is None or reader.guid in readers:
+            for reader in to:
+                if not reader.is_full:
                     reader.put(received)
         self._domain.written()
         return True
@@ -184,11 +189,16 @@ class RtpsReader(Reader):
         """Take a sample of a remote writer; False where there is no room."""
         if sample.payload is None or sample.is_key:
             return True  # it disposes of an instance: these topics have none
-        if self._depth is None and len(self._samples) >= MAX_PAST:
+        if self.is_full:
             self._was_full = True
             return False
         self.put(sample)
         return True
+
+    @property
+    def is_full(self) -> bool:
+        """Whether it keeps all samples and has no room for one more."""
+        return self._depth is None and len(self._samples) >= MAX_PAST
 
     def put(self, sample: Sample) -> None:
         """Store a sample."""

@@ -42,6 +42,7 @@ class RtpsMiddleware(Middleware):
         self._environment = dict(os.environ)
         discovery_range(self._environment)  # a wrong value is reported at once
         self._domains: dict[int, RtpsDomain] = {}
+        self._stays_local: dict[int, bool] = {}
         self._graphs: list[RtpsGraph] = []
         self._ready: dict[RtpsReader, None] = {}
         self._is_receiving = False
@@ -83,8 +84,10 @@ class RtpsMiddleware(Middleware):
     def _join(self, domain: int, localhost_only: bool) -> RtpsDomain:
         check_domain(domain)
         if localhost_only:
+            if domain not in self._stays_local:  # peers are looked up: not for each node again
+                self._stays_local[domain] = network.stays_local(self._environment, domain)
             check_loopback(
-                domain, network.stays_local(self._environment, domain),
+                domain, self._stays_local[domain],
                 ", and without other peers and interfaces in ROS_STATIC_PEERS and CYCLONEDDS_URI",
             )  # fmt: skip
         return self._domain(domain)

@@ -117,16 +117,24 @@ class RtpsRequester(Requester):
         self._reader.again()
 
     def request(self, cdr: bytes | bytearray | memoryview) -> int | None:
-        """Send a request; its sequence number, or None where there is no room."""
+        """Send a request; its sequence number, or None where there is no room.
+
+        Raises:
+            MiddlewareError: It is big endian, and a server wants the header.
+        """
         payload = bytes(cdr)
         sequence = self._writer.local.state.last + 1
         header = None
-        if payload[1] & 1:
+        if payload[1] & 1 or self._wants_header():
             header = request_header.insert(payload, self._client_id, sequence)
         related = self._reader.guid, _UNKNOWN
         if not self._writer.write_related(payload, related, None, header):
             return None
         return sequence
+
+    def _wants_header(self) -> bool:
+        """Whether a matched server would read a request without the header wrongly."""
+        return any(proxy.wants_header for proxy in self._writer.local.state.readers.values())
 
     def take(self, limit: int) -> list[tuple[int, bytes]]:
         """Take replies to own requests."""
@@ -219,8 +227,10 @@ class RtpsReplier(Replier):
             header = request_header.insert(payload, guid[:8], sequence)
             return self._writer.write_related(payload, None, readers, header)
         if guid not in self._known_readers() and self._is_reader(guid):
-            until = time.monotonic() + _PATIENCE
-            self._waiting.append((guid, sequence, payload, until))
+            now = time.monotonic()
+            while self._waiting and self._waiting[0][3] <= now:
+                self._waiting.popleft()
+            self._waiting.append((guid, sequence, payload, now + _PATIENCE))
             while sum(len(reply[2]) for reply in self._waiting) > _MAX_WAITING_OCTETS:
                 self._waiting.popleft()
             return True
@@ -250,9 +260,11 @@ class RtpsReplier(Replier):
         waiting, self._waiting = self._waiting, deque(maxlen=MAX_WAITING)
         for reply in waiting:
             reader, sequence, payload, until = reply
+            if until <= now:
+                continue
             if reader == guid:
                 self._write(reader, sequence, payload)
-            elif until > now:
+            else:
                 self._waiting.append(reply)
 
     def _on_leave(self, guid: bytes) -> None:

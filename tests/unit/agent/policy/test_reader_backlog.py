@@ -165,7 +165,7 @@ def keeping_all(desk, peer=1, key=1):
 
 def unread_of(board, object_id=READER):
     reader = of(board).objects[object_id].endpoint
-    return sum(map(len, (reader._reader)._samples))
+    return sum(map(len, reader._reader._samples._samples))
 
 
 def flood(desk, writer, count=316, size=MB):

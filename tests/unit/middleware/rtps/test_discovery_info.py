@@ -3,6 +3,8 @@
 The format itself and the choice of the Gid size have tests of their own in ../discovery_info.
 """
 
+import math
+
 import pytest
 from support.rtps_pair import Pair
 
@@ -11,6 +13,7 @@ from uros.middleware.dds.middleware import DdsMiddleware
 from uros.middleware.discovery_info import codec, intake
 from uros.middleware.rtps import discovery_info
 from uros.middleware.rtps.middleware import RtpsMiddleware
+from uros.middleware.rtps.reader import Sample
 from uros.qos import QoSProfile
 
 TYPE = "std_msgs::msg::dds_::String_"
@@ -111,4 +114,19 @@ def test_a_flood_of_messages_pauses_the_reader_and_the_last_one_counts(own_domai
     theirs.info.nodes[:] = [codec.NodeEntities("/", "after")]
     theirs.info.changed()
     pair.until(lambda: names(ours, theirs) == ["after"])
+    pair.close()
+
+
+def test_a_message_of_a_participant_that_has_left_is_not_kept(own_domain_id):
+    """Message and farewell may come in one burst."""
+    pair = Pair(own_domain_id)
+    ours, theirs = pair.domains
+    pair.until(lambda: names(ours, theirs) == ["node1"])
+    guid = theirs.participant.guid
+    ours.info.intake.forget(guid)
+    sample = codec.encode(guid, theirs.info.nodes, 16)
+    ours.info._reader.put(Sample(sample, theirs.info._writer.guid, 99, None, False, math.inf))
+    del ours.participant.remotes[guid[:12]]
+    ours.info._on_ready()
+    assert names(ours, theirs) == []
     pair.close()

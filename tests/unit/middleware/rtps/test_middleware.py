@@ -9,9 +9,10 @@ from support.rtps_pair import Pair
 from uros.middleware import open_middleware
 from uros.middleware.base import MiddlewareError
 from uros.middleware.dds.middleware import DdsMiddleware
-from uros.middleware.rtps import locators
+from uros.middleware.rtps import endpoints, locators, network
 from uros.middleware.rtps.locators import UDPV4, Locator
-from uros.qos import QoSProfile, ReliabilityPolicy
+from uros.middleware.rtps.middleware import RtpsMiddleware
+from uros.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 TYPE = "std_msgs::msg::dds_::UInt8MultiArray_"
 
@@ -224,6 +225,42 @@ def test_messages_have_the_configured_size(monkeypatch, own_domain_id, configure
     pair.until(lambda: taken)
     assert taken == [sample] and least <= max(sizes) <= most
     pair.close()
+
+
+@pytest.mark.parametrize("reliable", [True, False])
+def test_a_reader_of_this_process_that_keeps_all_has_a_limit(own_domain_id, monkeypatch, reliable):
+    """A reliable writer that keeps all waits for room; another one loses samples."""
+    monkeypatch.setattr(endpoints, "MAX_PAST", 10)
+    middleware = RtpsMiddleware()
+    node = middleware.create_node(own_domain_id, "/", "node")
+    qos = QoSProfile(history=HistoryPolicy.KEEP_ALL)
+    if not reliable:
+        qos.reliability = ReliabilityPolicy.BEST_EFFORT
+    reader = node.create_reader("rt/kept", TYPE, qos, lambda: None)
+    writer = node.create_writer("rt/kept", TYPE, qos)
+    assert [writer.write(b"\0\1\0\0" + bytes([n])) for n in range(12)] == [
+        n < 10 or not reliable for n in range(12)
+    ]
+    assert [sample[4] for sample in reader.take(100)] == list(range(10))
+    assert writer.write(b"\0\1\0\0\x63") and reader.take(100) == [b"\0\1\0\0\x63"]
+    middleware.close()
+
+
+def test_peers_are_looked_up_once_for_many_nodes_that_stay_local(own_domain_id, monkeypatch):
+    looked_up = []
+    look_up = network.socket.getaddrinfo
+    monkeypatch.setattr(
+        network.socket, "getaddrinfo",
+        lambda host, *args: looked_up.append(host) or look_up("127.0.0.1", *args),
+    )  # fmt: skip
+    monkeypatch.delenv("ROS_LOCALHOST_ONLY", raising=False)
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    monkeypatch.setenv("ROS_STATIC_PEERS", "robot")
+    middleware = RtpsMiddleware()
+    for number in range(5):
+        middleware.create_node(own_domain_id, "/", f"node{number}", localhost_only=True)
+    assert looked_up.count("robot") == 2  # for the check, and when the domain is joined
+    middleware.close()
 
 
 def is_readable(middleware):

@@ -5,7 +5,7 @@ import struct
 import pytest
 from support.rtps_pair import Pair
 
-from uros.middleware.base import Service
+from uros.middleware.base import MiddlewareError, Service
 from uros.middleware.guid import FAST_DDS
 from uros.middleware.rtps import ids, parameters, services, submessages
 from uros.middleware.rtps.kinds import Data
@@ -256,6 +256,29 @@ def test_a_reply_is_dropped_when_its_reader_or_its_participant_leaves(pair, leav
     else:
         peer.participant._forget(peer.remote)
     assert waiting(replier) == [(other, 1)]
+
+
+def test_a_reply_that_has_waited_too_long_is_not_sent(pair, monkeypatch):
+    replier = replier_of(pair)
+    peer = Peer(pair.domains[1].participant)
+    monkeypatch.setattr(services, "_PATIENCE", -1.0)
+    assert replier.reply(READER, 1, REPLY)
+    monkeypatch.setattr(services, "_PATIENCE", 10.0)
+    assert replier.reply(READER, 2, REPLY) and waiting(replier) == [(READER, 2)]
+    monkeypatch.setattr(services, "_PATIENCE", -1.0)
+    assert replier.reply(READER, 3, REPLY)
+    peer.announce()
+    assert not waiting(replier) and replier.endpoints[0].local.state.last == 1  # the second
+
+
+def test_a_big_endian_request_is_refused_where_a_server_wants_the_header(pair):
+    requester = pair.nodes[0].create_requester(TRIGGER, QoSProfile(), lambda: None)
+    big = b"\0\0\0\0" + bytes(4)
+    assert requester.request(big) == 1
+    pair.nodes[1].create_replier(TRIGGER, QoSProfile(), lambda: None)
+    pair.until(requester.servers)
+    with pytest.raises(MiddlewareError, match="big-endian"):
+        requester.request(big)
 
 
 def test_replies_that_wait_are_limited_in_number_octets_and_time(pair, monkeypatch):
