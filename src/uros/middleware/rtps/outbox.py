@@ -13,7 +13,7 @@ from . import ids, submessages
 from .changes import Packet
 from .locators import Locator
 from .remote import RemoteParticipant
-from .writer import RepeatBudget, StatefulWriter
+from .writer import StatefulWriter, repeat_budget
 
 # Octets of a message, unless the user chooses another size. Wi-Fi loses the fragments of larger IP
 # datagrams.
@@ -26,7 +26,7 @@ class Outbox:
     Attributes:
         datagrams: Datagrams to send, each with where to.
         burst: Writers that have written since the last :meth:`flush`.
-        repeats: What writers may repeat.
+        repeats: Octets that writers may repeat.
 
     Args:
         prefix: Our GUID prefix.
@@ -39,7 +39,7 @@ class Outbox:
     ) -> None:
         self.datagrams: list[tuple[bytes, Locator]] = []
         self.burst: set[StatefulWriter] = set()
-        self.repeats = RepeatBudget()
+        self.repeats = repeat_budget()
         self._head = submessages.header(prefix)
         self._remotes = remotes
         self._message_size = message_size

@@ -14,6 +14,7 @@ import math
 from collections.abc import Callable, Iterator
 from typing import Final
 
+from ...token_bucket import TokenBucket
 from . import ids
 from .changes import Change, Packet, gaps
 from .kinds import AckNack, NackFrag
@@ -44,25 +45,9 @@ _PATIENCE: Final = 10.0
 _RESTART_AFTER: Final = 1.0
 
 
-class RepeatBudget:
-    """Octets that may be repeated now, shared by the writers of a participant."""
-
-    __slots__ = ("_at", "_octets")
-
-    def __init__(self) -> None:
-        self._octets = float(_REPEAT_BURST)
-        self._at = float("-inf")
-
-    def has_room(self, now: float) -> bool:
-        """Return whether something may be repeated."""
-        if now > self._at:
-            self._octets = min(_REPEAT_BURST, self._octets + (now - self._at) * _REPEAT_RATE)
-        self._at = now
-        return self._octets > 0
-
-    def spend(self, octets: int) -> None:
-        """Note octets that are repeated."""
-        self._octets -= octets
+def repeat_budget() -> TokenBucket:
+    """Return a token bucket of octets that may be repeated, for the writers of a participant."""
+    return TokenBucket(_REPEAT_BURST, _REPEAT_RATE)
 
 
 class StatefulWriter:
@@ -98,7 +83,7 @@ class StatefulWriter:
         limit: int = 5000,
         is_manual: bool = False,
         lifespan: float = math.inf,
-        repeats: RepeatBudget | None = None,
+        repeats: TokenBucket | None = None,
     ) -> None:
         self.guid = guid
         self.reliable = reliable
@@ -111,7 +96,7 @@ class StatefulWriter:
         self._fragment_size = fragment_size
         self._is_manual = is_manual
         self._lifespan = lifespan
-        self._repeats = repeats if repeats is not None else RepeatBudget()
+        self._repeats = repeats if repeats is not None else repeat_budget()
         self._history: dict[int, Change] = {}  # in order of their numbers
         self._octets = 0  # in the history
         self._expiring: set[int] = set()  # numbers that late readers do not get
@@ -442,7 +427,7 @@ class StatefulWriter:
             if proxy.waits_until is not None and proxy.waits_until <= now:
                 self._begin(proxy, now)
             if proxy.resend_at is not None and proxy.resend_at <= now:
-                if self._repeats.has_room(now):
+                if self._repeats.available(now) > 0:
                     yield from self._resend(proxy, now)
                     if proxy.guid in self.readers:  # behind the others that wait
                         self.readers[proxy.guid] = self.readers.pop(proxy.guid)
