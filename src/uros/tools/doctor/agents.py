@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 from collections.abc import Collection, Sequence
 from typing import Any, Final
 
@@ -67,9 +68,22 @@ def _taken(port: process.Taken, agents: Collection[int], grave: bool) -> Finding
 
 def _free(port: process.Taken) -> int:
     for number in range(port.port + 1, min(port.port + _TRIES, 65535)):
-        if process.taken_port(port.protocol, number) is None:
+        if process.taken_port(port.protocol, number) is None and _can_bind(port.protocol, number):
             return number
     return port.port - 1
+
+
+def _can_bind(protocol: str, number: int) -> bool:
+    """Return whether an agent could open a port: a connection's own port is not free either."""
+    kind = socket.SOCK_STREAM if protocol == "tcp" else socket.SOCK_DGRAM
+    with socket.socket(socket.AF_INET, kind) as sock:
+        if kind == socket.SOCK_STREAM:
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            sock.bind(("0.0.0.0", number))
+        except OSError:
+            return False
+    return True
 
 
 # --- snapshots --------------------------------------------------------------------------------

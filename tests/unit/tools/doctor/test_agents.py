@@ -11,6 +11,7 @@ import pytest
 
 from uros.tools.doctor import process as doctor_process
 from uros.tools.doctor.agents import (
+    _free,
     check_agents,
     check_clocks,
     check_keys,
@@ -73,6 +74,16 @@ def can_bind(kind, port):
         except OSError:
             return False
     return True
+
+
+def test_the_other_port_is_none_of_a_connection():
+    """A connection's own port is listened to by nobody, and yet an agent cannot open it."""
+    with socket.create_server(("127.0.0.1", 0)) as server, socket.socket() as connection:
+        connection.bind(("127.0.0.1", 0))
+        connection.connect(server.getsockname())
+        number = connection.getsockname()[1]
+        taken = doctor_process.Taken("tcp", number - 1, ())
+        assert _free(taken) != number
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "127.0.0.1", "::1"])
