@@ -6,6 +6,7 @@ each lives in a module or package of its own that is imported only when asked fo
 ====================  ==========================================================================
 ``base``              The contract of a middleware: nodes, endpoints, services, QoS and errors.
 ``qos_matching``      Finds the QoS policies that keep a writer and a reader from matching.
+``partitions``        Finds out which partitions of a writer and a reader meet.
 ``domains``           Checks before a domain is joined.
 ``graph``             What a middleware knows of the ROS graph, by DDS names.
 ``memory``            A network inside this process, for tests and examples.

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 from typing import Final
 
 from ..qos import DurabilityPolicy, LivelinessPolicy, QoSProfile
+from . import partitions
 
 # From weakest to strongest. An unknown one counts as the first.
 _DURABILITIES: Final = (
@@ -106,7 +106,7 @@ def mismatches(offered: QoSProfile, requested: QoSProfile) -> list[Mismatch]:
                 words[requested.ownership_exclusive],
             )
         )
-    if not _meet(offered.partitions, requested.partitions):
+    if not partitions.meet(offered.partitions, requested.partitions):
         found.append(Mismatch("partition", _list(offered.partitions), _list(requested.partitions)))
     return found
 
@@ -125,21 +125,3 @@ def _time(milliseconds: int | None) -> str:
 
 def _list(partitions: Sequence[str]) -> str:
     return ", ".join(map(repr, partitions)) if partitions else "none"
-
-
-def _meet(offered: Sequence[str], requested: Sequence[str]) -> bool:
-    """Whether two lists of partitions have one in common.
-
-    A pattern matches names, but no pattern, not even itself. An empty list is the partition ''.
-    """
-    for offer in offered or ("",):
-        for request in requested or ("",):
-            if _is_pattern(offer) and _is_pattern(request):
-                continue
-            if fnmatchcase(offer, request) or fnmatchcase(request, offer):
-                return True
-    return False
-
-
-def _is_pattern(partition: str) -> bool:
-    return any(sign in partition for sign in "*?[")

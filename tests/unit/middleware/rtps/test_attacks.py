@@ -5,6 +5,7 @@ participant, traffic in octets.
 """
 
 import struct
+import tracemalloc
 from collections import Counter
 
 import pytest
@@ -832,6 +833,23 @@ def test_an_announcement_of_topics_in_any_number_matches_none_of_ours(network):
             ),
         )
     assert not inbox.reader.state.writers and len(one.remotes[stranger.prefix].endpoints) == 100
+
+
+def test_patterns_of_partitions_are_kept_by_nothing_but_the_account(network, stranger):
+    """Attack: one endpoint that is announced again and again, with other patterns each time."""
+    guid = stranger.prefix + bytes([0, 1, 0, 3])
+    used = []
+    tracemalloc.start()
+    try:
+        for number in range(20):
+            patterns = tuple(f"*{number}*{each}" + "*a" * 250 for each in range(60))
+            stranger.endpoint("rt/chatter", True, guid, qos=QoSProfile(partitions=patterns))
+            used.append(tracemalloc.get_traced_memory()[0])
+    finally:
+        tracemalloc.stop()
+    assert guid in stranger.target.remotes[stranger.prefix].endpoints
+    assert guid not in network.inbox.reader.state.writers
+    assert used[-1] - used[4] < 100_000
 
 
 @pytest.mark.parametrize("depth", [0, 1, 2**31 - 1])
