@@ -265,7 +265,7 @@ def _play(network: Network, kind: int, address: str, body: bytes) -> None:
     elif kind == 6:
         place = Locator(UDPV4, 7410, address)
         stranger = ParticipantData(
-            STRANGER + ids.ENTITY_PARTICIPANT, ids.VENDOR, domain=0, builtin=0xC3F,
+            STRANGER + ids.ENTITY_PARTICIPANT, domain=0, builtin=0xC3F,
             metatraffic_unicast=[place], default_unicast=[place],
         )  # fmt: skip
         payload = parameters.write_participant(stranger)

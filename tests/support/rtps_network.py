@@ -124,7 +124,7 @@ class Stranger:
 
     def announce(self, **more):
         data = ParticipantData(
-            self.prefix + ids.ENTITY_PARTICIPANT, ids.VENDOR, domain=0, builtin=0x3F,
+            self.prefix + ids.ENTITY_PARTICIPANT, domain=0, builtin=0x3F,
             metatraffic_unicast=[self.place], default_unicast=[self.place],
         )  # fmt: skip
         for name, value in more.items():
@@ -150,9 +150,7 @@ class Stranger:
             TYPE,
             qos or QoSProfile(),
             list(places),
-            [],
-            False,
-            representations,
+            representations=representations,
         )
         payload = parameters.write_endpoint(data)
         self.send(submessages.encode_data(bytes(4), entity, self.count, payload))

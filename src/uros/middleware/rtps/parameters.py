@@ -56,8 +56,6 @@ class ParticipantData:
 
     Attributes:
         guid: Its GUID.
-        vendor: Its vendor id.
-        version: Its protocol version.
         domain: The domain that it says it is in; None where it says none.
         domain_tag: Its domain tag; participants of another tag are not for us.
         builtin: The builtin endpoints that it has, as bits.
@@ -70,8 +68,6 @@ class ParticipantData:
     """
 
     guid: bytes
-    vendor: bytes = b"\0\0"
-    version: bytes = ids.VERSION
     domain: int | None = None
     domain_tag: str = ""
     builtin: int = 0
@@ -95,7 +91,6 @@ class EndpointData:
         qos: Its profile, with USER_DATA and partitions. History and depth are not announced.
         unicast: Its own locators; where it has none, those of its participant count.
         multicast: The same, by multicast.
-        expects_inline_qos: Whether a reader wants topic and QoS with each sample.
         representations: Data representations that it offers or accepts.
     """
 
@@ -106,7 +101,6 @@ class EndpointData:
     qos: QoSProfile
     unicast: list[Locator] = field(default_factory=list)
     multicast: list[Locator] = field(default_factory=list)
-    expects_inline_qos: bool = False
     representations: tuple[int, ...] = (ids.XCDR1,)
 
     def is_of_same(self, other: EndpointData) -> bool:
@@ -264,10 +258,6 @@ def read_participant(payload: bytes | memoryview) -> ParticipantData:
                 lists[pid].append(locator)
         elif pid == ids.PID_PARTICIPANT_GUID:
             data.guid = _guid(body)
-        elif pid == ids.PID_VENDOR_ID:
-            data.vendor = body[:2]
-        elif pid == ids.PID_PROTOCOL_VERSION:
-            data.version = body[:2]
         elif pid == ids.PID_DOMAIN_ID:
             data.domain = value.word(body)
         elif pid == ids.PID_DOMAIN_TAG:
@@ -315,8 +305,6 @@ def read_endpoint(payload: bytes | memoryview, is_writer: bool) -> EndpointData:
             data.topic = value.text(body)
         elif pid == ids.PID_TYPE_NAME:
             data.type_name = value.text(body)
-        elif pid == ids.PID_EXPECTS_INLINE_QOS:
-            data.expects_inline_qos = body[:1] == b"\x01"
         elif pid == ids.PID_DATA_REPRESENTATION:
             count = value.word(body)
             if count > 16:
@@ -419,8 +407,8 @@ def write_participant(data: ParticipantData) -> bytes:
     """Return the payload that announces a participant."""
     out = [
         _HEAD,
-        _parameter(ids.PID_PROTOCOL_VERSION, data.version + b"\0\0"),
-        _parameter(ids.PID_VENDOR_ID, data.vendor + b"\0\0"),
+        _parameter(ids.PID_PROTOCOL_VERSION, ids.VERSION + b"\0\0"),
+        _parameter(ids.PID_VENDOR_ID, ids.VENDOR + b"\0\0"),
         _parameter(ids.PID_PARTICIPANT_GUID, data.guid),
         _parameter(ids.PID_BUILTIN_ENDPOINT_SET, struct.pack("<I", data.builtin)),
         _parameter(ids.PID_PARTICIPANT_LEASE_DURATION, _duration(data.lease_ms)),
@@ -474,11 +462,8 @@ def write_endpoint(data: EndpointData) -> bytes:
             out.append(
                 _parameter(ids.PID_OWNERSHIP_STRENGTH, struct.pack("<i", qos.ownership_strength))
             )
-    else:
-        if data.expects_inline_qos:
-            out.append(_parameter(ids.PID_EXPECTS_INLINE_QOS, b"\x01"))
-        if qos.separation_ms:
-            out.append(_parameter(ids.PID_TIME_BASED_FILTER, _duration(qos.separation_ms)))
+    elif qos.separation_ms:
+        out.append(_parameter(ids.PID_TIME_BASED_FILTER, _duration(qos.separation_ms)))
     if qos.partitions:
         out.append(_parameter(ids.PID_PARTITION, _texts(qos.partitions)))
     if qos.user_data:

@@ -133,7 +133,7 @@ class Participant:
         self._polled_at = now
         self._next_key = 0
         data = ParticipantData(
-            self.guid, ids.VENDOR, ids.VERSION, domain, "", builtin.SERVED, LEASE_MS,
+            self.guid, domain, "", builtin.SERVED, LEASE_MS,
             unicast, multicast, unicast, [], user_data,
         )  # fmt: skip
         self._announcer = ParticipantAnnouncer(data, now)
@@ -182,7 +182,7 @@ class Participant:
         self._announcer.move(unicast, multicast, now)
         self._announce_to = [*multicast, *self._peers]
         for remote in self.remotes.values():
-            remote.told = float("-inf")
+            remote.announced_at = float("-inf")
 
     def leave_address(self, address: str) -> None:
         """Note that datagrams do not reach an address; see RemoteParticipant.leave_address."""
@@ -422,7 +422,7 @@ class Participant:
             if not remote.is_from(source):
                 return  # another host uses its GUID
             remote.hear(source)
-            if remote.is_owed:
+            if remote.lacks_announcement:
                 self._introduce(remote)
             remote.lease = lease(announced)
             remote.expires = now + remote.lease
@@ -580,12 +580,12 @@ class Participant:
         message = self._announcer.announcement()
         places = dict.fromkeys(self._announce_to)
         for remote in self.remotes.values():
-            remote.is_owed &= now - remote.since < _INTRODUCTION
-            if now - remote.told < _TELL_PERIOD:
+            remote.lacks_announcement &= now - remote.since < _INTRODUCTION
+            if now - remote.announced_at < _TELL_PERIOD:
                 continue
             place = remote.place(remote.data.metatraffic_unicast)
             if place is not None and place not in places and remote.may_send(len(message)):
-                remote.told = now
+                remote.announced_at = now
                 places[place] = None
         self._outbox.datagrams += [(message, place) for place in places]
 

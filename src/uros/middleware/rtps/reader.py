@@ -81,8 +81,9 @@ class WriterProxy:
     Attributes:
         guid: The writer's GUID.
         reliable: Whether it repeats what is lost.
-        expected: The number after the last that was delivered or passed over; None until the first
-            HEARTBEAT or GAP.
+        expected: The number after the last that was delivered or passed over. None at first: a
+            reliable writer's is set by the first HEARTBEAT, or from what is held after questions
+            that were not answered; a best-effort writer's by the first sample.
         held: Samples beyond ``expected`` by number; None for numbers that are passed over.
         lifespan: Seconds that its samples count.
         lost: Samples that the writer no longer had.

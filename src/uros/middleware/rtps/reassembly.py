@@ -24,8 +24,8 @@ _OVERHEAD: Final = 100
 class OctetBudget:
     """Octets that may be held, shared by holders that are not trusted.
 
-    Attack: a participant that takes all of it. Each holder may have as much as remains free: one
-    alone half of the limit, and n of them leave a part of n + 1 to the next.
+    Attack: a participant that takes all of it. Each holder may have as much as then remains free:
+    one alone gets half of the limit, and n that grow together get one part of n + 1 each.
 
     Attributes:
         limit: The most.

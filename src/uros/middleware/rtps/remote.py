@@ -79,9 +79,10 @@ class RemoteParticipant:
         endpoints: Its endpoints by GUID.
         answers_to: Where its readers want answers, by GUID, if not at their locators (INFO_REPLY).
         received: Octets that came from it.
-        told: When we announced ourselves to it alone.
+        announced_at: When we announced ourselves to it alone.
         is_proven: Whether it has answered us, and so receives what is sent to its address.
-        is_owed: Whether an announcement of ours was too long for it: then it gets nothing else.
+        lacks_announcement: Whether an announcement of ours was longer than what has come from it:
+            then it gets nothing else.
     """
 
     def __init__(self, data: ParticipantData, now: float) -> None:
@@ -93,9 +94,9 @@ class RemoteParticipant:
         self.endpoints: dict[bytes, EndpointData] = {}
         self.answers_to: dict[bytes, tuple[Locator, ...]] = {}
         self.received = 0
-        self.told = now
+        self.announced_at = now
         self.is_proven = False
-        self.is_owed = False
+        self.lacks_announcement = False
         self._sent = 0  # octets, until it is proven
 
     def next_deadline(self) -> float:
@@ -108,12 +109,12 @@ class RemoteParticipant:
         Attack: announcements with the address of somebody else. Until a participant has answered,
         it gets no more octets than came from it; the protocol repeats what was left out.
         """
-        return self.is_proven or (not self.is_owed and self._take(octets))
+        return self.is_proven or (not self.lacks_announcement and self._take(octets))
 
     def may_announce(self, octets: int) -> bool:
         """Return the same for an announcement of ours, without which it cannot answer."""
-        self.is_owed = not (self.is_proven or self._take(octets))
-        return not self.is_owed
+        self.lacks_announcement = not (self.is_proven or self._take(octets))
+        return not self.lacks_announcement
 
     def _take(self, octets: int) -> bool:
         if self._sent + octets > self.received:

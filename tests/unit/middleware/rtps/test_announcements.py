@@ -59,7 +59,10 @@ def test_a_participant_announces_version_domain_lease_locators_and_enclave(netwo
     (data,) = data_of(datagram, b"\0\1\0\xc2")
     assert data.reader == b"\0\1\0\xc7" and not data.is_key
     found = parameters.read_participant(data.payload)
-    assert found.guid == one.guid and found.vendor == ids.VENDOR and found.version == b"\2\3"
+    assert found.guid == one.guid
+    said = dict(parameters.parameters(data.payload[4:], True))
+    assert said[ids.PID_VENDOR_ID][:2] == ids.VENDOR
+    assert said[ids.PID_PROTOCOL_VERSION][:2] == b"\2\3"
     assert found.domain == 7 and found.domain_tag == "" and found.lease_ms == spdp.LEASE_MS
     assert found.metatraffic_unicast == found.default_unicast == [PLACE]
     assert found.metatraffic_multicast == [GROUP] and not found.default_multicast

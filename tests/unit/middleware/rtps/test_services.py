@@ -205,7 +205,7 @@ class Peer:
 
     def __init__(self, participant):
         self.participant = participant
-        data = ParticipantData(PREFIX + ids.ENTITY_PARTICIPANT, FAST_DDS)
+        data = ParticipantData(PREFIX + ids.ENTITY_PARTICIPANT)
         self.remote = participant.remotes[PREFIX] = RemoteParticipant(data, 0.0)
         participant._known.take(10**6, PREFIX)
 
