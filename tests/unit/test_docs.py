@@ -218,6 +218,7 @@ def test_the_numbers_on_the_page_are_those_of_the_sources():
     from uros.agent.policy.limits import Limits
     from uros.agent.session import session
     from uros.agent.transports import tcp, tls
+    from uros.middleware import domains
     from uros.wire.streams import MAX_MESSAGE
 
     stated = {limit: value for limit, value, _ in table(NUMBERS, "what", "value", "where")}
@@ -241,7 +242,7 @@ def test_the_numbers_on_the_page_are_those_of_the_sources():
          f" written anew from {session_store.JOURNAL_SIZE >> 20} MiB on"),
         ("a restored writer waits for its readers; a session for its transport",
          f"{restore.HOLD_SECONDS:.0f} s; a day"),
-        ("clients; domains", f"{admission.MAX_CLIENTS}; 32"),
+        ("clients; domains", f"{admission.MAX_CLIENTS}; {domains.MAX_JOINED}"),
         ("a silent client: first query; deleted",
          f"after {min(liveliness.DEAD_TIME / 10, 30):.0f} s;"
          f" after {liveliness.DEAD_TIME:.0f} s"),
