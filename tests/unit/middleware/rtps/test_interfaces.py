@@ -6,15 +6,19 @@ from support.networks import run_isolated
 pytestmark = pytest.mark.timeout(180)
 
 
+# These wait for the end of a lease, 20 s.
+LEASE = pytest.mark.slow
+
+
 @pytest.mark.parametrize(
     "scenario",
     [
         "each_interface_carries_announcements",
         "an_interface_that_appears_is_used",
-        "an_interface_that_vanishes_is_left",
+        pytest.param("an_interface_that_vanishes_is_left", marks=LEASE),
         "a_network_that_is_away_for_a_moment_changes_nothing",
         "an_address_of_ours_that_vanishes_is_left",
-        "an_address_that_changes_is_followed",
+        pytest.param("an_address_that_changes_is_followed", marks=LEASE),
         "ipv6",
         "link_local_ipv6",
         "both_versions_of_ip",
