@@ -20,6 +20,10 @@ _DURABILITIES: Final = (
     DurabilityPolicy.PERSISTENT,
 )
 _DURABILITY_NAMES: Final = ("volatile", "transient_local", "transient", "persistent")
+# Attack: lists from the network, 32 kB long, that are told to the user in a line: texts of one that
+# are shown, and characters of a text.
+_MOST: Final = 4
+_LONGEST: Final = 48
 
 
 @dataclass(frozen=True)
@@ -107,7 +111,13 @@ def mismatches(offered: QoSProfile, requested: QoSProfile) -> list[Mismatch]:
             )
         )
     if not partitions.meet(offered.partitions, requested.partitions):
-        found.append(Mismatch("partition", _list(offered.partitions), _list(requested.partitions)))
+        found.append(
+            Mismatch(
+                "partition",
+                shorten([*map(repr, offered.partitions)]),
+                shorten([*map(repr, requested.partitions)]),
+            )
+        )
     return found
 
 
@@ -123,5 +133,10 @@ def _time(milliseconds: int | None) -> str:
     return "unlimited" if milliseconds is None else f"{milliseconds} ms"
 
 
-def _list(partitions: Sequence[str]) -> str:
-    return ", ".join(map(repr, partitions)) if partitions else "none"
+def shorten(texts: Sequence[str]) -> str:
+    """Return a list for one line: its first texts, each cut to 48 characters, and how many more."""
+    shown = [
+        text if len(text) <= _LONGEST else text[: _LONGEST - 1] + "…" for text in texts[:_MOST]
+    ]
+    more = f" and {len(texts) - _MOST} more" if len(texts) > _MOST else ""
+    return (", ".join(shown) + more) or "none"

@@ -104,3 +104,4 @@ STATUS_UNREGISTERED: Final = 2
 # Data representations (XTypes 7.6.3.1.1).
 XCDR1: Final = 0
 XCDR2: Final = 2
+REPRESENTATION_NAMES: Final = {XCDR1: "XCDR1", 1: "XML", XCDR2: "XCDR2"}

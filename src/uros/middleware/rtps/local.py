@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from ...qos import QoSProfile
-from ..qos_matching import Mismatch, mismatches
+from ..qos_matching import Mismatch, mismatches, shorten
 from . import ids
 from .outbox import Outbox
 from .parameters import EndpointData
@@ -142,5 +142,15 @@ def why_unmatched(writer: EndpointData, reader: EndpointData) -> list[Mismatch] 
         return None
     why = mismatches(writer.qos, reader.qos)
     if not set(writer.representations) & set(reader.representations):
-        why.append(Mismatch("data representation", "XCDR1", "XCDR2"))
+        why.append(
+            Mismatch(
+                "data representation",
+                _representation_names(writer.representations),
+                _representation_names(reader.representations),
+            )
+        )
     return why
+
+
+def _representation_names(representations: Sequence[int]) -> str:
+    return shorten([ids.REPRESENTATION_NAMES.get(one, str(one)) for one in representations])

@@ -17,6 +17,7 @@ from support.rtps_network import (
     writer_of,
 )
 
+from uros.middleware.qos_matching import Mismatch
 from uros.middleware.rtps import ids, outbox, parameters, participant, submessages
 from uros.middleware.rtps.locators import UDPV4, Locator
 from uros.middleware.rtps.parameters import ParticipantData
@@ -129,15 +130,27 @@ def test_what_does_not_match_is_named(network):
     assert writer.matched() == 0 and named == [["reliability"]]
 
 
-def test_a_reader_of_xcdr2_alone_does_not_match(network):
+@pytest.mark.parametrize(
+    ("is_writer", "representations", "offered", "requested"),
+    [
+        (False, (ids.XCDR2,), "XCDR1", "XCDR2"),
+        (True, (ids.XCDR2,), "XCDR2", "XCDR1"),
+        (True, (1, ids.XCDR2, 7), "XML, XCDR2, 7", "XCDR1"),
+        (True, tuple(range(1, 17)), "XML, XCDR2, 3, 4 and 12 more", "XCDR1"),
+    ],
+)
+def test_endpoints_without_a_common_representation_do_not_match(
+    network, is_writer, representations, offered, requested
+):
     one = network.add(1)
     named = []
-    one.on_mismatch = lambda ours, theirs, why: named.append(why[0].policy)
-    writer = writer_of(network, one)
+    one.on_mismatch = lambda ours, theirs, why: named.extend(why)
+    ours = Inbox(network, one).reader if is_writer else writer_of(network, one)
     remote = Stranger(network, one)
     remote.announce()
-    remote.endpoint("rt/chatter", False, representations=(ids.XCDR2,))
-    assert writer.matched() == 0 and named == ["data representation"]
+    guid = remote.endpoint("rt/chatter", is_writer, representations=representations)
+    assert guid not in (ours.state.writers if is_writer else ours.state.readers)
+    assert named == [Mismatch("data representation", offered, requested)]
 
 
 @pytest.mark.parametrize("qos", [QoSProfile(), LATCHED])

@@ -100,6 +100,17 @@ def test_the_rules_are_those_of_the_dds(own_domain_id):
             assert bool(reader.take(1)) == (not policies), (offered, requested)
 
 
+def test_long_lists_of_partitions_are_shown_in_part():
+    """They come from the network, and are told to the user in one line."""
+    theirs = QoSProfile(partitions=tuple(f"{number}" * 256 for number in range(10, 74)))
+    (one,) = mismatches(QoSProfile(partitions=("\a" * 100, "b")), theirs)
+    assert one.policy == "partition" and one.offered.endswith("…, 'b'")
+    assert one.requested.startswith("'1010") and one.requested.endswith("… and 60 more")
+    assert len(one.offered) < 60 and len(one.requested) < 220
+    (one,) = mismatches(QoSProfile(partitions=("a", "b")), QoSProfile())
+    assert (one.offered, one.requested) == ("'a', 'b'", "none")
+
+
 def apply(qos, rule):
     """What the agent does with a rule of `--qos`."""
     from uros.agent.policy.rules import Rules
