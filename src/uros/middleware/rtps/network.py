@@ -43,6 +43,7 @@ class NetworkSettings:
             this machine.
         multicast: Whether it announces itself by multicast.
         choices: The interfaces that the user named; empty: all of them.
+        automatic: The choice of those that nobody named; with it all are used.
         index: The participant index; None: the lowest free one; -1: none, but any free port.
         peers: Places to announce to besides multicast.
         message_size: The most octets of a datagram.
@@ -54,6 +55,7 @@ class NetworkSettings:
     stays_local: bool = False
     multicast: bool = True
     choices: tuple[InterfaceChoice, ...] = ()
+    automatic: InterfaceChoice | None = None
     index: int | None = None
     peers: tuple[Locator, ...] = ()
     message_size: int = MESSAGE_SIZE
@@ -74,7 +76,7 @@ class NetworkSettings:
         loopback = [one for one in here if one.is_loopback]
         if self.stays_local:
             return loopback
-        if self.choices:
+        if self.choices and self.automatic is None:
             return [one for one in here if self._choice(one) is not None]
         return [one for one in here if not one.is_loopback] or loopback
 
@@ -90,7 +92,7 @@ class NetworkSettings:
 
     def _choice(self, interface: Interface) -> InterfaceChoice | None:
         known = (interface.name, interface.address, *interface.ipv6)
-        return next((choice for choice in self.choices if choice.name in known), None)
+        return next((choice for choice in self.choices if choice.name in known), self.automatic)
 
 
 def addresses_of(interface: Interface, kind: int) -> list[str]:
@@ -129,8 +131,9 @@ def read_settings(environment: Mapping[str, str], domain: int) -> NetworkSetting
     notices = []
     if cyclone.unknown:
         notices.append(
-            "of CYCLONEDDS_URI the rtps middleware uses interfaces, peers, AllowMulticast,"
-            f" ParticipantIndex and MaxMessageSize; it leaves out {', '.join(cyclone.unknown)}"
+            "of CYCLONEDDS_URI the rtps middleware uses interfaces, Peers, AllowMulticast,"
+            " Transport, UseIPv6, MaxMessageSize, ParticipantIndex and MaxAutoParticipantIndex; it"
+            f" leaves out {', '.join(cyclone.unknown)}"
         )
     named = [*_static_peers(environment, reach), *cyclone.peers]
     hosts = {peer: _resolve(peer) for peer in dict.fromkeys(named)}
@@ -143,20 +146,22 @@ def read_settings(environment: Mapping[str, str], domain: int) -> NetworkSetting
     kinds = _kinds(cyclone, hosts.values())
     peers = [place for found in hosts.values() for place in found if place.kind in kinds]
     choices = tuple(choice for choice in cyclone.interfaces if choice.name)
-    if len(choices) < len(cyclone.interfaces):
-        choices = ()  # one of them is chosen automatically: ours are all of them
-    if choices:
+    # Cyclone chooses one automatically; ours are all of them.
+    automatic = next((choice for choice in cyclone.interfaces if not choice.name), None)
+    if choices and automatic is None:
         stays_local = all(_is_loopback(choice.name) for choice in choices)
     else:
         stays_local = reach == "LOCALHOST" and all(_is_loopback(one.address) for one in peers)
     multicast = reach != "LOCALHOST" and cyclone.multicast is not False
+    if cyclone.interfaces and all(choice.multicast is False for choice in cyclone.interfaces):
+        multicast = False
     if not multicast or (stays_local and UDPV6 in kinds):
         peers = [Locator(kind, 0, LOOPBACK[kind]) for kind in kinds] + peers
     probed = range(max(PROBED, (cyclone.max_index or 0) + 1))
     places = dict.fromkeys(place for peer in peers for place in _ports(peer, domain, probed))
     return NetworkSettings(
         kinds=kinds, stays_local=stays_local, multicast=multicast, choices=choices,
-        index=-1 if cyclone.index == "none" else _number(cyclone.index),
+        automatic=automatic, index=-1 if cyclone.index == "none" else _number(cyclone.index),
         peers=tuple(places), message_size=_message_size(cyclone.max_message),
         notices=tuple(notices),
     )  # fmt: skip

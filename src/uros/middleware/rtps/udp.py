@@ -23,6 +23,8 @@ from .network import NetworkSettings
 
 # The last index whose ports are those of its own domain (RTPS 9.6.2.3).
 MAX_INDEX: Final = 119
+# Ports that the system gives for IPv4 and that may be taken on IPv6.
+_MAX_TRIES: Final = 16
 # Seconds between looks at the interfaces. A cable or a Wi-Fi that comes back is used after so long.
 SCAN_PERIOD: Final = 3.0
 _LARGEST: Final = 65536
@@ -53,7 +55,8 @@ class DomainSockets:
         list_interfaces: Returns the interfaces that are up.
 
     Raises:
-        MiddlewareError: No index is free, or the ports cannot be opened.
+        MiddlewareError: No index is free, the configured one is too high, or the ports cannot be
+            opened.
     """
 
     def __init__(
@@ -95,15 +98,34 @@ class DomainSockets:
         """Open the sockets on the port of the participant index."""
         wanted = self._settings.index
         if wanted == -1:
-            self._open_at(domain, 0)
+            self._open_anywhere(domain)
             return
-        for index in (*(() if wanted is None else (wanted,)), *range(MAX_INDEX + 1)):
-            port = locators.metatraffic_port(domain, index)
-            if port <= locators.MAX_PORT and self._open_at(domain, port):
+        indices = [
+            index
+            for index in range(MAX_INDEX + 1)
+            if locators.metatraffic_port(domain, index) <= locators.MAX_PORT
+        ]
+        if wanted is not None and wanted not in indices:
+            raise MiddlewareError(
+                f"CYCLONEDDS_URI: ParticipantIndex {wanted} has no port of its own in domain"
+                f" {domain}: write one of 0 to {indices[-1]}, or auto"
+            )
+        for index in (*(() if wanted is None else (wanted,)), *indices):
+            if self._open_at(domain, locators.metatraffic_port(domain, index)):
                 self._check_index(domain, index)
                 return
         raise MiddlewareError(
             f"domain {domain} has no free participant index on this machine: use another domain"
+        )
+
+    def _open_anywhere(self, domain: int) -> None:
+        """Open the sockets on a port that is free on all versions of IP."""
+        for _ in range(_MAX_TRIES):
+            if self._open_at(domain, 0):
+                return
+        raise MiddlewareError(
+            f"domain {domain}: this machine has no port that is free on IPv4 and IPv6: end programs"
+            " that use UDP, or take ParticipantIndex none out of CYCLONEDDS_URI"
         )
 
     def _check_index(self, domain: int, index: int) -> None:
@@ -112,8 +134,8 @@ class DomainSockets:
         if wanted not in (None, index):
             # With -m auto this process has a participant of Cyclone, too.
             self.notices.append(
-                f"domain {domain}: the participant index {wanted} of CYCLONEDDS_URI is taken or too"
-                f" high, so {index} is used"
+                f"domain {domain}: the participant index {wanted} of CYCLONEDDS_URI is taken, so"
+                f" {index} is used"
             )
         if index >= network.PROBED and not self._settings.multicast:
             self.notices.append(
@@ -140,7 +162,14 @@ class DomainSockets:
         """Tell the user of interfaces in CYCLONEDDS_URI that are not there."""
         known = {text for one in self._interfaces for text in (one.name, one.address, *one.ipv6)}
         missing = [one.name for one in self._settings.choices if one.name not in known]
-        if missing and sys.platform == "linux":
+        if missing and sys.platform != "linux":
+            there = ", ".join(one.address for one in _one_interface())
+            self.notices.append(
+                f"CYCLONEDDS_URI asks for the interface {', '.join(missing)}, but uros does not"
+                f" list its interfaces on this system and knows {there} alone: give one of these"
+                " addresses instead, or leave it out"
+            )
+        elif missing:
             there = ", ".join(one.name for one in self._list_interfaces()) or "none"
             self.notices.append(
                 f"CYCLONEDDS_URI asks for the interface {', '.join(missing)}, which is not up with"

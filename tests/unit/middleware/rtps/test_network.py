@@ -202,9 +202,31 @@ def test_a_chosen_interface_replaces_loopback_in_the_range_localhost():
 def test_multicast_may_be_forbidden_in_all_or_on_one_interface():
     found = settings(uri="<General><AllowMulticast>false</AllowMulticast></General>")
     assert not found.multicast and found.peers[0].address == "127.0.0.1"
-    found = settings(uri=interface('name="eth0" multicast="false"'))
-    assert found.multicast and not found.allows_multicast(ETH)
+    uri = (
+        '<General><Interfaces><NetworkInterface name="eth0" multicast="false"/>'
+        '<NetworkInterface name="wlan0"/></Interfaces></General>'
+    )
+    found = settings(uri=uri)
+    assert found.multicast and not found.allows_multicast(ETH) and found.allows_multicast(WLAN)
     assert settings(uri=interface('name="wg0" multicast="true"')).allows_multicast(VPN)
+
+
+def test_multicast_may_be_forbidden_on_the_interfaces_that_are_chosen_automatically():
+    found = settings(uri=interface('autodetermine="true" multicast="false"'))
+    assert not found.multicast and found.peers[0].address == "127.0.0.1"
+    assert named(found.usable(ALL)) == ["eth0", "wlan0", "wg0"]
+    uri = (
+        '<General><Interfaces><NetworkInterface autodetermine="true" multicast="false"/>'
+        '<NetworkInterface name="wlan0"/></Interfaces></General>'
+    )
+    found = settings(uri=uri)
+    assert found.multicast and named(found.usable(ALL)) == ["eth0", "wlan0", "wg0"]
+    assert [found.allows_multicast(one) for one in (ETH, WLAN)] == [False, True]
+
+
+def test_interfaces_that_all_forbid_multicast_are_as_without_multicast():
+    found = settings(uri=interface('name="eth0" multicast="false"'))
+    assert not found.multicast and found.peers[0].address == "127.0.0.1"
 
 
 @pytest.mark.parametrize(
@@ -240,6 +262,9 @@ def test_the_size_of_messages_has_limits(configured, octets):
 def test_what_does_not_count_is_named_in_one_notice():
     (notice,) = settings(uri="<Tracing/><Sizing/>").notices
     assert "leaves out Tracing, Sizing" in notice
+    read = ["interfaces", "Peers", "AllowMulticast", "Transport", "UseIPv6", "MaxMessageSize",
+            "ParticipantIndex", "MaxAutoParticipantIndex"]  # fmt: skip
+    assert all(name in notice for name in read)
 
 
 # --- announced addresses ------------------------------------------------------------------------

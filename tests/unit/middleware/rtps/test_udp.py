@@ -101,13 +101,52 @@ def test_an_index_that_others_do_not_look_for_is_told(opened, own_domain_id, mon
 def test_the_index_of_the_configuration(opened, own_domain_id):
     fixed = NetworkSettings(stays_local=True, multicast=False, index=7)
     assert opened(own_domain_id, fixed).unicast[0].port == port_of(own_domain_id, 7)
-    for index in (7, 30_000):
-        sockets = opened(own_domain_id, NetworkSettings(stays_local=True, index=index))
-        assert f"index {index} of CYCLONEDDS_URI is taken or too high" in sockets.notices[0]
-        assert sockets.unicast[0].port < port_of(own_domain_id, 7)
+    again = opened(own_domain_id, fixed)
+    assert "the participant index 7 of CYCLONEDDS_URI is taken, so 0 is used" in again.notices[0]
+    assert again.unicast[0].port == port_of(own_domain_id, 0)
     none = NetworkSettings(stays_local=True, multicast=False, index=-1)
     free = {opened(own_domain_id, none).unicast[0].port for _ in range(2)}
     assert len(free) == 2 and 0 not in free
+
+
+@pytest.mark.parametrize("index", [120, 125, 30_000])
+def test_an_index_whose_port_is_that_of_another_domain_is_refused(opened, own_domain_id, index):
+    assert port_of(40, 125) == port_of(41, 0)
+    with pytest.raises(MiddlewareError, match=f"ParticipantIndex {index}.* 0 to 119, or auto"):
+        opened(own_domain_id, NetworkSettings(stays_local=True, index=index))
+
+
+def test_an_index_beyond_the_last_port_is_refused(opened):
+    """The last domain has fewer ports."""
+    with pytest.raises(MiddlewareError, match="ParticipantIndex 119.*domain 232.* 0 to 62, or"):
+        opened(232, NetworkSettings(stays_local=True, multicast=False, index=119))
+
+
+class TakenOnIpv6:
+    """Sockets whose port is taken on IPv6, as often as the test says."""
+
+    def __init__(self, times):
+        self.times = times
+
+    def __call__(self, kind, port, stays_local):
+        if kind == UDPV6 and self.times:
+            self.times -= 1
+            raise OSError(errno.EADDRINUSE, "taken")
+        return ip_sockets.IpSockets(kind, port, stays_local)
+
+
+def test_any_free_port_is_one_that_is_free_on_both_versions_of_ip(
+    opened, own_domain_id, monkeypatch
+):
+    monkeypatch.setattr(udp, "IpSockets", TakenOnIpv6(1))
+    settings = NetworkSettings(
+        kinds=(UDPV4, UDPV6), stays_local=True, multicast=False, index=-1
+    )  # fmt: skip
+    sockets = opened(own_domain_id, settings)
+    assert len(sockets.filenos()) == 2 and len({place.port for place in sockets.unicast}) == 1
+    monkeypatch.setattr(udp, "IpSockets", TakenOnIpv6(1000))
+    with pytest.raises(MiddlewareError, match="no port that is free on IPv4 and IPv6"):
+        opened(own_domain_id, settings)
 
 
 def test_a_domain_without_a_free_index_is_an_error(opened, own_domain_id, monkeypatch):
@@ -173,6 +212,24 @@ def test_a_chosen_interface_that_is_not_there_is_told(opened, own_domain_id):
     settings = read_settings({"CYCLONEDDS_URI": uri}, own_domain_id)
     (notice,) = opened(own_domain_id, settings).notices
     assert "asks for the interface eth77, which is not up" in notice and "there are lo" in notice
+
+
+@pytest.mark.parametrize("attributes", ['name="en0"', 'address="10.9.9.9"'])
+def test_a_chosen_interface_on_a_system_that_lists_none_is_told_with_the_remedy(
+    opened, own_domain_id, monkeypatch, attributes
+):
+    monkeypatch.setattr(udp.sys, "platform", "darwin")
+    monkeypatch.setattr(udp.addresses, "own_address", lambda towards: "10.0.0.7")
+    opened.interfaces = []
+    uri = f"<General><Interfaces><NetworkInterface {attributes}/></Interfaces></General>"
+    uri += "<General><AllowMulticast>false</AllowMulticast></General>"
+    settings = read_settings({"CYCLONEDDS_URI": uri}, own_domain_id)
+    (notice,) = opened(own_domain_id, settings).notices
+    assert "knows 10.0.0.7, 127.0.0.1 alone: give one of these addresses" in notice
+    settings = read_settings({"CYCLONEDDS_URI": uri.replace("en0", "10.0.0.7")}, own_domain_id)
+    if "en0" in uri:
+        sockets = opened(own_domain_id, settings)
+        assert not sockets.notices and sockets.unicast[0].address == "10.0.0.7"
 
 
 # --- datagrams ----------------------------------------------------------------------------------
