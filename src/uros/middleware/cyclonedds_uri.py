@@ -1,35 +1,65 @@
 """Cyclone's configuration in ``CYCLONEDDS_URI``: XML, or files of it, and what uros reads of it.
 
-Cyclone itself reads all of it (``dds``). ``rtps`` reads what says where to find whom
-(:func:`read_settings`), so that one setting serves both, and names what it leaves out.
+Cyclone itself reads all of it (``dds``). ``rtps`` reads which network it uses, where it
+looks for others, and how large a datagram may be (:func:`read_settings`), so that one setting
+serves both, and names what it leaves out.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from string import ascii_letters
 from typing import Final
 from xml.etree import ElementTree
 
 from .base import MiddlewareError
 
 NAME: Final = "CYCLONEDDS_URI"
-_UNITS: Final = {"b": 1, "kb": 1 << 10, "kib": 1 << 10, "mb": 1 << 20, "mib": 1 << 20}
+_UNITS: Final = {
+    "b": 1, "kb": 1 << 10, "kib": 1 << 10, "mb": 1 << 20, "mib": 1 << 20, "gb": 1 << 30,
+    "gib": 1 << 30,
+}  # fmt: skip
+# A comment, a processing instruction, CDATA, or a tag, whose values may contain angle brackets.
+_MARKUP: Final = re.compile(
+    r"""<!--.*?-->|<\?.*?\?>|<!\[CDATA\[.*?\]\]>|<(?:[^<>"']|"[^"]*"|'[^']*')*>""", re.DOTALL
+)
 _TRUE: Final = ("true", "1", "yes")
 
 
 def parts(uri: str) -> list[str]:
     """Return what CYCLONEDDS_URI lists, separated by commas: XML, and the names of files.
 
-    All XML is one part, behind files before it and before files after it.
+    Elements without a file between them are one part, and so is XML that does not end.
     """
-    begin, end = uri.find("<"), uri.rfind(">") + 1
-    if begin < 0:
-        return _names(uri)
-    if end <= begin:
-        return [*_names(uri[:begin]), uri[begin:]]
-    return [*_names(uri[:begin]), uri[begin:end], *_names(uri[end:])]
+    found: list[str] = []
+    begin = -1  # of the XML that has not ended
+    place = depth = 0
+    while True:
+        sign = uri.find("<", place)
+        if depth == 0:
+            names = _names(uri[place:] if sign < 0 else uri[place:sign])
+            if begin >= 0 and (names or sign < 0):
+                found.append(uri[begin:place])
+                begin = -1
+            found += names
+            if sign < 0:
+                return found
+            begin = sign if begin < 0 else begin
+        markup = _MARKUP.match(uri, sign) if sign >= 0 else None
+        depth += _opened(markup.group()) if markup else 0
+        if markup is None or depth < 0:
+            return [*found, uri[begin:]]
+        place = markup.end()
+
+
+def _opened(markup: str) -> int:
+    """How many more elements are open behind a tag, a comment or other markup."""
+    if markup.startswith("</"):
+        return -1
+    return 0 if markup.startswith(("<!", "<?")) or markup.endswith("/>") else 1
 
 
 def _names(text: str) -> list[str]:
@@ -181,12 +211,7 @@ def _read_section(settings: CycloneSettings, section: ElementTree.Element) -> No
         elif name == "general" and child == "maxmessagesize":
             settings.max_message = _octets(_shown(element.tag), value)
         elif name == "discovery" and child == "peers":
-            settings.peers += [
-                found
-                for each in element
-                for key, found in each.attrib.items()
-                if local_name(key) == "address" and found.strip()
-            ]
+            _read_peers(settings, element)
         elif name == "discovery" and child == "participantindex":
             settings.index = _index(_shown(element.tag), value)
         elif name == "discovery" and child == "maxautoparticipantindex":
@@ -195,19 +220,41 @@ def _read_section(settings: CycloneSettings, section: ElementTree.Element) -> No
             settings.unknown.append(_shown(element.tag))
 
 
+def _read_peers(settings: CycloneSettings, element: ElementTree.Element) -> None:
+    _name_attributes(settings, element, ())
+    for each in element:
+        if local_name(each.tag) != "peer":
+            settings.unknown.append(_shown(each.tag))
+            continue
+        _name_attributes(settings, each, ("address",))
+        for key, value in each.attrib.items():
+            if local_name(key) == "address" and value.strip():
+                settings.peers.append(value.strip())
+
+
+def _name_attributes(
+    settings: CycloneSettings, element: ElementTree.Element, read: tuple[str, ...]
+) -> None:
+    """Name the attributes of an element that are not read."""
+    settings.unknown += [
+        f"{_shown(element.tag)} {_shown(key)}"
+        for key, value in element.attrib.items()
+        if local_name(key) not in read and value.strip().lower() != "default"
+    ]
+
+
 def _read_interface(settings: CycloneSettings, element: ElementTree.Element) -> None:
     if local_name(element.tag) != "networkinterface":
         settings.unknown.append(_shown(element.tag))
         return
+    _name_attributes(settings, element, ("name", "address", "multicast", "autodetermine"))
     name, multicast = "", None
     for key, value in element.attrib.items():
-        attribute = local_name(key)
+        attribute, text = local_name(key), value.strip()
         if attribute in ("name", "address"):
-            name = value.strip()
-        elif attribute == "multicast":
-            multicast = None if value.lower() == "default" else value.lower() in _TRUE
-        elif attribute != "autodetermine" and value.lower() != "default":
-            settings.unknown.append(f"{_shown(element.tag)} {_shown(key)}")
+            name = text
+        elif attribute == "multicast" and text.lower() != "default":
+            multicast = text.lower() in _TRUE
     settings.interfaces.append(InterfaceChoice(name, multicast))
 
 
@@ -226,11 +273,12 @@ def _octets(tag: str, value: str) -> int | None:
     """Read a size as Cyclone has it: a number with a unit, such as ``1400 B`` or ``8 kB``."""
     if value.lower() == "default":
         return None
-    digits = value.rstrip("BbKkMmIi ")
-    unit = value[len(digits) :].strip().lower()
-    if unit not in _UNITS:
+    digits = value.rstrip(ascii_letters)
+    unit = value[len(digits) :].lower()
+    digits = digits.strip()
+    if unit not in _UNITS or not (digits.isascii() and digits.isdecimal()):
         raise MiddlewareError(f"{NAME}: {tag} {value!r} is no size; write it as 1400 B")
-    return _number(tag, digits) * _UNITS[unit]
+    return int(digits) * _UNITS[unit]
 
 
 def _number(tag: str, value: str) -> int:

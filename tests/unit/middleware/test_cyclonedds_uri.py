@@ -51,6 +51,16 @@ def test_nothing_configured():
         ("<A/>,<B/>", ["<A/>,<B/>"]),
         ("a.xml,<A/>,b.xml", ["a.xml", "<A/>", "b.xml"]),
         ("a.xml,<A", ["a.xml", "<A"]),
+        ("<A/>,/etc/x.xml,<B/>", ["<A/>", "/etc/x.xml", "<B/>"]),
+        ("<A>,<B/>,c</A> , d.xml", ["<A>,<B/>,c</A>", "d.xml"]),
+        ('<A b=">,"/>,c,<D/>', ['<A b=">,"/>', "c", "<D/>"]),
+        (
+            "<?xml version='1.0'?>\n<!-- <a>, --><A/>,c",
+            ["<?xml version='1.0'?>\n<!-- <a>, --><A/>", "c"],
+        ),
+        ("<A><![CDATA[</A>,]]></A>,c,<B/>", ["<A><![CDATA[</A>,]]></A>", "c", "<B/>"]),
+        ("<A>,b,<C/>", ["<A>,b,<C/>"]),
+        ("</A>,b,<C/>", ["</A>,b,<C/>"]),
     ],
 )
 def test_parts(uri, parts):
@@ -71,6 +81,25 @@ def test_files_and_xml_add_up_and_the_last_value_counts(tmp_path):
         assert [one.name for one in settings.interfaces] == ["eth0", "10.0.0.7", "lo", ""]
         assert settings.multicast is False and settings.index == 7
         assert settings.peers[-1] == "robot" and len(settings.peers) == 3
+
+
+def test_a_file_between_two_elements_counts(tmp_path):
+    file = tmp_path / "own.xml"
+    file.write_text(WHOLE)
+    uri = f"<General><UseIPv6>false</UseIPv6></General>,{file},<Discovery><Tag>x</Tag></Discovery>"
+    settings = read_settings(uri, 0)
+    assert settings.ipv6 is True and settings.max_index == 60 and settings.unknown == ["Tag"]
+
+
+def test_spaces_around_values_do_not_count():
+    uri = (
+        '<General><Interfaces><NetworkInterface name=" eth0 " multicast=" default "/>'
+        '<NetworkInterface name="a" multicast=" true "/></Interfaces></General>'
+        '<Discovery><Peers><Peer address=" 127.0.0.1 "/></Peers></Discovery>'
+    )
+    settings = read_settings(uri, 0)
+    assert settings.peers == ["127.0.0.1"]
+    assert settings.interfaces == [InterfaceChoice("eth0"), InterfaceChoice("a", True)]
 
 
 @pytest.mark.parametrize(
@@ -94,16 +123,20 @@ def test_what_is_not_read_is_named_once():
         '<Tracing xmlns="https://cdds.io/config"><Verbosity>fine</Verbosity></Tracing><Tracing/>'
         "<General><FragmentSize>1000B</FragmentSize>"
         '<Interfaces><NetworkInterface name="a" priority="3"/><Psmx/></Interfaces></General>'
-        "<Discovery><Tag>x</Tag><ParticipantIndex>default</ParticipantIndex></Discovery>"
+        "<Discovery><Tag>x</Tag><ParticipantIndex>default</ParticipantIndex>"
+        '<Peers addlocalhost="true" other="default"><Peer address="a" prune_delay="1s"/>'
+        '<Host address="b"/></Peers></Discovery>'
     )
-    unknown = ["Tracing", "FragmentSize", "NetworkInterface priority", "Psmx", "Tag"]
-    assert read_settings(xml, 0).unknown == unknown
+    unknown = ["Tracing", "FragmentSize", "NetworkInterface priority", "Psmx", "Tag",
+               "Peers addlocalhost", "Peer prune_delay", "Host"]  # fmt: skip
+    settings = read_settings(xml, 0)
+    assert settings.unknown == unknown and settings.peers == ["a"]
 
 
 @pytest.mark.parametrize(
     "value, octets",
     [("1400B", 1400), ("1400 B", 1400), ("8kB", 8192), ("14 KiB", 14336), ("1MB", 1 << 20),
-     ("default", None)],
+     ("1 GB", 1 << 30), ("2GiB", 2 << 30), ("default", None)],
 )  # fmt: skip
 def test_the_size_of_messages(value, octets):
     xml = f"<General><MaxMessageSize>{value}</MaxMessageSize></General>"
@@ -114,7 +147,11 @@ def test_the_size_of_messages(value, octets):
     "uri, words",
     [
         ("<General><MaxMessageSize>1400</MaxMessageSize></General>", "'1400' is no size.* 1400 B"),
-        ("<General><MaxMessageSize>huge kB</MaxMessageSize></General>", "'huge' is no number"),
+        (
+            "<General><MaxMessageSize>huge kB</MaxMessageSize></General>",
+            "'huge kB' is no size.* 1400 B",
+        ),
+        ("<General><MaxMessageSize>1 TB</MaxMessageSize></General>", "'1 TB' is no size.* 1400 B"),
         ("<General>", "not valid XML.*correct the XML"),
         ("<nix", "not valid XML"),
         ("file:///no/such/file.xml", "names file:///no/such/file.xml, which cannot be read"),
