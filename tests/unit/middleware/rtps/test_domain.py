@@ -5,10 +5,13 @@ import pytest
 from uros.middleware.base import Service
 from uros.middleware.rtps import domain as domain_module
 from uros.middleware.rtps import ids, services, submessages
+from uros.middleware.rtps.local import why_unmatched
 from uros.middleware.rtps.locators import UDPV4, Locator
 from uros.middleware.rtps.middleware import RtpsMiddleware
+from uros.middleware.rtps.parameters import EndpointData
 from uros.qos import QoSProfile
 
+TYPE = "std_msgs::msg::dds_::String_"
 SERVICE = Service(
     "rq/echoRequest", "std_srvs::srv::dds_::Trigger_Request_",
     "rr/echoReply", "std_srvs::srv::dds_::Trigger_Response_",
@@ -47,6 +50,21 @@ def test_a_flood_of_datagrams_ends_a_turn_after_ten_milliseconds(middleware, mon
     monkeypatch.setattr(domain_module, "time", Clock())
     middleware.domain.receive()
     assert 5 <= len(taken) <= 12
+
+
+def test_a_notice_of_a_mismatch_is_short_whatever_the_network_sends(middleware):
+    """Attack: 1000 notices with 32 kB of partitions each, which are remembered."""
+    notices = []
+    middleware.on_notice = notices.append
+    ours = middleware.node.create_writer("rt/a", TYPE, QoSProfile()).local.data
+    patterns = tuple("\u0378" * 300 + f"{number}" for number in range(64))
+    theirs = EndpointData(
+        bytes(16), False, "rt/a", TYPE, QoSProfile(partitions=patterns),
+        representations=tuple(range(1, 17)),
+    )  # fmt: skip
+    middleware.domain.participant.on_mismatch(ours, theirs, why_unmatched(ours, theirs))
+    (notice,) = notices
+    assert "partition (none offered, '\\u0378" in notice and len(notice) < 500
 
 
 def test_datagrams_that_wait_are_limited_for_all_places_together(middleware, monkeypatch):
