@@ -15,7 +15,7 @@ from uros.agent.objects.ros_graph import TOPIC, TYPE
 from uros.agent.policy.liveliness import Liveliness
 from uros.interfaces import load as load_type
 from uros.interfaces.codec import to_cdr
-from uros.middleware.dds.paced_discovery import PacedDiscovery
+from uros.middleware.paced_call import PacedCall
 from uros.wire import ids
 
 INT32 = "std_msgs/msg/Int32"
@@ -33,7 +33,7 @@ def opened(agent, key, **more):
 
 def watched_graphs(agent):
     jobs = agent.middleware.context.schedule._jobs
-    return [job for job in jobs if isinstance(job, PacedDiscovery)]
+    return [job for job in jobs if isinstance(job, PacedCall)]
 
 
 # --- the graph that boards read --------------------------------------------------------------
