@@ -28,6 +28,7 @@ class RtpsDiscoveryInfo:
         guid: The GUID of our participant.
         number: The domain's number, for notices.
         gid_size: Octets of a Gid that ROS_DISTRO asks for, or None.
+        participants: Returns USER_DATA of the participants known, by GUID.
         is_there: Returns whether the participant of a writer's GUID is there.
         notice: Called with a line for the user.
         on_change: Called after each change of the nodes, ours or others'.
@@ -39,6 +40,7 @@ class RtpsDiscoveryInfo:
         guid: bytes,
         number: int,
         gid_size: int | None,
+        participants: Callable[[], Mapping[bytes, bytes]],
         is_there: Callable[[bytes], bool],
         notice: Callable[[str], None],
         on_change: Callable[[], None],
@@ -47,6 +49,7 @@ class RtpsDiscoveryInfo:
         self.intake = Intake(number, notice)
         self._owner = owner
         self._guid = guid
+        self._participants = participants
         self._is_there = is_there
         self._on_change = on_change
         self._gid_size = GidSizeSelector(number, gid_size, lambda size: self.changed(), notice)
@@ -66,9 +69,9 @@ class RtpsDiscoveryInfo:
             self._write_at = max(time.monotonic() + _SETTLE, self._written_at + _INTERVAL)
         self._on_change()
 
-    def update_participants(self, participants: Mapping[bytes, bytes]) -> None:
-        """Choose the size of a Gid by the participants known: their USER_DATA by GUID."""
-        self._gid_size.update(participants, self.intake.gid_sizes)
+    def select_gid_size(self) -> None:
+        """Select the size of a Gid anew: other participants, or their messages, have changed."""
+        self._gid_size.update(self._participants(), self.intake.gid_sizes)
 
     def next_deadline(self) -> float | None:
         """Return when :meth:`tick` has work (``time.monotonic``), or None."""
@@ -105,6 +108,7 @@ class RtpsDiscoveryInfo:
             self._read_again_at = now + turn.pause
             reader.close()
         if turn.is_changed:
+            self.select_gid_size()
             self._on_change()
 
     def _take(self, reader: RtpsReader) -> tuple[bytes | None, bytes] | None:

@@ -111,8 +111,9 @@ class RtpsDomain:
         if announces_nodes:
             self.info = RtpsDiscoveryInfo(
                 self, self.participant.guid, number, configured_gid_size(environment),
+                self.participants,
                 lambda writer: writer[: ids.PREFIX_SIZE] in self.participant.remotes,
-                context.notice, self._changed_nodes,
+                context.notice, self._changed_graph,
             )  # fmt: skip
 
     # --- what endpoints use (see endpoints.EndpointOwner) --------------------------------------
@@ -187,20 +188,17 @@ class RtpsDomain:
     # --- discovery -------------------------------------------------------------------------
 
     def _on_participant(self, data: ParticipantData, is_there: bool) -> None:
-        if self.info is not None and not is_there:
-            self.info.intake.forget(data.guid)
-        self._changed_nodes()
+        if self.info is not None:
+            if not is_there:
+                self.info.intake.forget(data.guid)
+            self.info.select_gid_size()
+        self._changed_graph()
 
     def _on_endpoint(self, data: EndpointData, is_there: bool) -> None:
         if is_there:
             self._add_type(data, False)
         else:
             self._conflicts.remove(data.guid)
-        self._changed_graph()
-
-    def _changed_nodes(self) -> None:
-        if self.info is not None:
-            self.info.update_participants(self.participants())
         self._changed_graph()
 
     def participants(self) -> dict[bytes, bytes]:
