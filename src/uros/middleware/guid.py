@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Final
 
 GUID_SIZE: Final = 16
-_PREFIX_SIZE: Final = 12
-_PARTICIPANT_ENTITY_ID: Final = b"\x00\x00\x01\xc1"
+PREFIX_SIZE: Final = 12
+PARTICIPANT_ENTITY_ID: Final = b"\x00\x00\x01\xc1"
 
 # The low six bits of a GUID's last octet tell a writer's kind (table 9.1): with a key, without one.
 _WRITER_KINDS: Final = (0x02, 0x03)
@@ -18,7 +18,7 @@ CYCLONE_DDS: Final = b"\x01\x10"
 
 def participant_of(guid: bytes) -> bytes:
     """Return the GUID of the participant that an endpoint belongs to."""
-    return guid[:_PREFIX_SIZE] + _PARTICIPANT_ENTITY_ID
+    return guid[:PREFIX_SIZE] + PARTICIPANT_ENTITY_ID
 
 
 def is_writer(guid: bytes) -> bool:

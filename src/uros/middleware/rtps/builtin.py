@@ -109,7 +109,8 @@ class BuiltinEndpoints:
         self.writer = LocalWriter(outbox, EndpointData(guid, True, "", "", _QOS), history)
         guid = prefix + topic.reader
         # Fast DDS repeats what it announced before a match after 0.1 s only. What it announces then
-        # must not wait for that; delivering it again puts right what was mixed up.
+        # must not wait for that. Delivering it again, in the order of its numbers, corrects what
+        # was applied out of order.
         received = StatefulReader(guid, True, True, accept, budget, on_early=deliver)
         received.on_change = schedule.touch
         self.reader = LocalReader(EndpointData(guid, False, "", "", _QOS), received)

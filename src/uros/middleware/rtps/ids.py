@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
+from .. import guid
+
 # --- messages (9.4.4, 9.4.5) ----------------------------------------------------------------
 
 PROTOCOL: Final = b"RTPS"
@@ -27,10 +29,10 @@ DATA_FRAG: Final = 0x16
 
 # --- entities (9.3.1.2, 9.3.1.3) ---------------------------------------------------------------
 
-PREFIX_SIZE: Final = 12
+PREFIX_SIZE: Final = guid.PREFIX_SIZE
 NO_PREFIX: Final = bytes(PREFIX_SIZE)
 ENTITY_UNKNOWN: Final = bytes(4)
-ENTITY_PARTICIPANT: Final = b"\x00\x00\x01\xc1"
+ENTITY_PARTICIPANT: Final = guid.PARTICIPANT_ENTITY_ID
 SPDP_WRITER: Final = b"\x00\x01\x00\xc2"
 SPDP_READER: Final = b"\x00\x01\x00\xc7"
 PUBLICATIONS_WRITER: Final = b"\x00\x00\x03\xc2"

@@ -18,6 +18,7 @@ from ...qos import (
     QoSProfile,
     ReliabilityPolicy,
 )
+from ..guid import participant_of
 from . import ids, locators
 from .locators import Locator
 from .submessages import MalformedError
@@ -111,7 +112,7 @@ class EndpointData:
     @property
     def participant(self) -> bytes:
         """The GUID of its participant."""
-        return self.guid[: ids.PREFIX_SIZE] + ids.ENTITY_PARTICIPANT
+        return participant_of(self.guid)
 
 
 @dataclass

@@ -62,7 +62,7 @@ MAX_KNOWN: Final = 64 * 1024 * 1024
 # Where all places are taken, one that has not answered for so many seconds makes room for another.
 _UNPROVEN: Final = 1.0
 # Seconds between announcements to a participant that was heard: two of them before our lease ends.
-_TELL_PERIOD: Final = LEASE_MS / 3000
+_DIRECTED_PERIOD: Final = LEASE_MS / 3000
 # Seconds for which a participant gets nothing before an announcement of ours that is longer than
 # what has come from it: it announces itself several times at first.
 _INTRODUCTION: Final = 0.5
@@ -581,7 +581,7 @@ class Participant:
         places = dict.fromkeys(self._announce_to)
         for remote in self.remotes.values():
             remote.lacks_announcement &= now - remote.since < _INTRODUCTION
-            if now - remote.announced_at < _TELL_PERIOD:
+            if now - remote.announced_at < _DIRECTED_PERIOD:
                 continue
             place = remote.place(remote.data.metatraffic_unicast)
             if place is not None and place not in places and remote.may_send(len(message)):

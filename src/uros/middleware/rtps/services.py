@@ -39,7 +39,7 @@ MIN_DEPTH: Final = 256
 _MAX_MISSES: Final = 4
 
 
-def _is_header_reader(role: bytes, data: EndpointData) -> bool:
+def _uses_header(role: bytes, data: EndpointData) -> bool:
     return uses_request_header(data.guid, data.qos.user_data, role)
 
 
@@ -58,7 +58,7 @@ class _Parser:
         payload = sample.payload or b""
         remote = self._domain.participant.remotes.get(sample.writer[: ids.PREFIX_SIZE])
         endpoint = None if remote is None else remote.endpoints.get(sample.writer)
-        if endpoint is not None and _is_header_reader(self._role, endpoint):
+        if endpoint is not None and _uses_header(self._role, endpoint):
             parsed = request_header.remove(payload)
             if parsed is None:
                 return None
@@ -94,7 +94,7 @@ class RtpsRequester(Requester):
         try:
             self._writer = RtpsWriter(
                 domain, service.request_topic, service.request_type, qos,
-                lambda data: _is_header_reader(SERVICE_ID, data),
+                lambda data: _uses_header(SERVICE_ID, data),
             )  # fmt: skip
         except BaseException:
             self._reader.close()
@@ -186,7 +186,7 @@ class RtpsReplier(Replier):
         self._waiting: deque[tuple[bytes, int, bytes, float]] = deque(maxlen=MAX_WAITING)
         self._writer = RtpsWriter(
             domain, service.reply_topic, service.reply_type, qos,
-            lambda data: _is_header_reader(CLIENT_ID, data),
+            lambda data: _uses_header(CLIENT_ID, data),
         )  # fmt: skip
         self._writer.local.on_match = self._on_match
         self._writer.local.on_leave = self._on_leave
