@@ -1,26 +1,24 @@
 """Measures each design choice of docs/performance.md: the agent with it and without it.
 
-    python bench/choices.py [--quick]
+    python bench/choices.py [--quick] [--domain N]
 
 Not part of ``make bench``: it takes four minutes.
 """
 
 from __future__ import annotations
 
-import argparse
-
-import process
-from agent import bench_cpu, bench_round_trip, cores_awake
+from agent import bench_cpu, bench_round_trip
 from fleet import bench_beside, bench_fleet
+from process import cores_awake, options, settings
 
 
 def both(choice: str, measurement, *arguments):  # type: ignore[no-untyped-def]
     """The results of a measurement with the choice, and without it."""
     results = []
     for undone in ("", choice):
-        process.undone = undone
+        settings.undone = undone
         results.append(measurement(*arguments))
-    process.undone = ""
+    settings.undone = ""
     return results
 
 
@@ -29,9 +27,8 @@ def row(choice: str, what: str, with_it: float, without: float, digits: int = 1)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="a fifth of the time, noisy")
-    quick = parser.parse_args().quick
+    quick = options(__doc__, "a fifth of the time, noisy").quick
+    settings.middleware = "dds"  # whose choices they are
     seconds, runs = (1.0, 1) if quick else (4.0, 3)
     print(f"  {'choice':<10}{'':<46}{'with':>12}{'without':>12}")
     cpu = both("batching", bench_cpu, seconds, runs)
@@ -39,7 +36,7 @@ def main() -> None:
         if "CPU" in what or "full speed" in what:
             row("batching", what, with_it, without)
     fleet = both("sharing", bench_fleet, 40, 10, seconds, False)
-    for what, digits in (("MB", 1), ("MB each", 3), ("cores", 3), ("set-up ms", 2)):
+    for what, digits in (("MB", 1), ("MB each", 3), ("cores, burst", 3), ("set-up ms", 2)):
         row("sharing", f"40 boards at 10 Hz: {what}", fleet[0][what], fleet[1][what], digits)
     with cores_awake():
         trips = both("local", bench_round_trip, 500 if quick else 3000, runs)

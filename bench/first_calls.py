@@ -9,14 +9,13 @@ two endpoints to the reply. An rclpy client that has just started calls a server
 
 from __future__ import annotations
 
-import argparse
 import os
 import select
 import threading
 import time
 
-from process import DOMAIN, Process
-from services import REQUEST, ROS_PYTHON, TYPES
+from process import NO_ROS, ROS_PYTHON, Process, options
+from services import REQUEST, TYPES, service_server
 
 from uros.middleware.base import Service
 from uros.middleware.rtps.middleware import RtpsMiddleware
@@ -100,17 +99,12 @@ def show(what: str, times: list[float]) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="a quarter of the calls")
-    parser.add_argument("--domain", type=int, default=DOMAIN)
-    options = parser.parse_args()
+    parsed = options(__doc__, "a quarter of the calls")
     if not ROS_PYTHON.exists():
-        raise SystemExit("there is no .venv-ros: run python3 scripts/env.py ros")
+        raise SystemExit(NO_ROS)
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    count, domain = 5 if options.quick else 20, options.domain
-    server = Process(
-        "service_server.py", str(domain), "/bench/rclpy", ready="ready", python=ROS_PYTHON
-    )
+    count, domain = 5 if parsed.quick else 20, parsed.domain
+    server = service_server("/bench/rclpy")
     try:
         show("a client of uros, a server of rclpy",
              [call_of_ours(domain, "/bench/rclpy") for _ in range(count)])  # fmt: skip

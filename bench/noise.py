@@ -12,7 +12,7 @@ from __future__ import annotations
 import sys
 import time
 
-from load import Board, paced_send, text
+from load import BURST, Board, paced_send, text
 
 
 def main() -> None:
@@ -23,7 +23,8 @@ def main() -> None:
     board = Board(port, 0x6666, reliable=kind == "stop")
     if kind == "flood":
         count = int(50_000 * seconds)
-        seconds_taken = paced_send(board.sock, board.sample(text(64), False), 2, count, 50_000)
+        datagram = board.sample(text(64))
+        seconds_taken = paced_send(board.sock, datagram, 2, count, 50_000, BURST)
         print(count / seconds_taken)
     else:
         board.send_reliable(10_000_000, 0, text(1000))

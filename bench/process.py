@@ -1,7 +1,8 @@
-"""The processes of a benchmark: agent, relay, counter; and the rows of its table."""
+"""The processes of a benchmark, its options, and the rows of its table."""
 
 from __future__ import annotations
 
+import argparse
 import os
 import queue
 import select
@@ -9,11 +10,16 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 HERE = Path(__file__).resolve().parent
-PORT = 18_888
+ROS_PYTHON = HERE.parent / ".venv-ros" / "bin" / "python"
+NO_ROS = "there is no .venv-ros: run python3 scripts/env.py ros"
 DOMAIN = 110
+MIDDLEWARES = ("auto", "dds", "rtps", "ros2")
 
 LOOPBACK = (
     '<General><Interfaces><NetworkInterface address="127.0.0.1"/></Interfaces>'
@@ -24,13 +30,58 @@ LOOPBACK = (
 )
 
 
+class Settings:
+    """What the agents of this run are started with.
+
+    ``undone`` is the design choice that they run without; see without.py.
+    """
+
+    domain = DOMAIN
+    middleware = "auto"
+    undone = ""
+
+    @property
+    def port(self) -> int:
+        """The first UDP port; each domain has some of its own."""
+        return 18_000 + 8 * self.domain
+
+
+settings = Settings()
+
+
+def options(doc: str, quick: str, **others: dict[str, Any]) -> argparse.Namespace:
+    """Parse the command line of a benchmark and apply it to the settings.
+
+    ``others`` are options besides ``--quick`` and ``--domain``: arguments of ``add_argument``.
+    """
+    parser = argparse.ArgumentParser(description=doc.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help=quick)
+    parser.add_argument("--domain", type=int, default=DOMAIN, help="the ROS domain, and the ports")
+    for name, arguments in others.items():
+        parser.add_argument(f"--{name}", **arguments)
+    parsed = parser.parse_args()
+    settings.domain = parsed.domain
+    return parsed
+
+
+def one_middleware(doc: str, quick: str) -> bool:
+    """Parse the command line of a benchmark of one middleware; whether it is to be quick."""
+    parsed = options(doc, quick, middleware={"choices": MIDDLEWARES, "default": "auto"})
+    settings.middleware = parsed.middleware
+    print(f"  middleware: {settings.middleware}")
+    return bool(parsed.quick)
+
+
 class Process:
     """A child process that prints a line when it is ready."""
 
     def __init__(
         self, *arguments: str, ready: str, python: Path | str = sys.executable, **variables: str
     ) -> None:
-        environment = dict(os.environ, CYCLONEDDS_URI=LOOPBACK, PYTHONUNBUFFERED="1", **variables)
+        environment = dict(
+            os.environ, CYCLONEDDS_URI=LOOPBACK, ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST",
+            PYTHONUNBUFFERED="1", **variables,
+        )  # fmt: skip
         self._process = subprocess.Popen(
             [str(python), *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
             text=True, env=environment, cwd=HERE,
@@ -83,16 +134,44 @@ class Process:
 
 
 def relay(echo: bool) -> Process:
-    return Process("relay.py", str(PORT), str(DOMAIN), *(["echo"] if echo else []), ready="ready")
+    arguments = (str(settings.port), str(settings.domain), *(["echo"] if echo else []))
+    return Process("relay.py", *arguments, ready="ready")
 
 
-# The design choice that the agent runs without; see without.py.
-undone = ""
+def counter(*arguments: str) -> Process:
+    return Process("counter.py", str(settings.domain), *arguments, ready="ready")
 
 
-def agent() -> Process:
-    program = ["without.py", undone] if undone else ["-m", "uros", "agent"]
-    return Process(*program, "udp4", "-p", str(PORT), "--domain", str(DOMAIN), ready="running...")
+def echo() -> Process:
+    return Process("echo.py", str(settings.domain), ready="ready")
+
+
+def agent(middleware: str = "", number: int = 0) -> Process:
+    """Start an agent; ``number`` tells those that run at the same time apart."""
+    middleware = middleware or settings.middleware
+    program = ["without.py", settings.undone] if settings.undone else ["-m", "uros", "agent"]
+    arguments = ("udp4", "-p", str(settings.port + number), "--domain", str(settings.domain))
+    return Process(
+        *program, *arguments, "-m", middleware, ready="running...",
+        python=ROS_PYTHON if middleware == "ros2" else sys.executable,
+        PYTHONPATH=str(HERE.parent / "src"),
+    )  # fmt: skip
+
+
+@contextmanager
+def cores_awake() -> Iterator[None]:
+    """Keep every core from sleeping, by processes with the policy SCHED_IDLE.
+
+    On a virtual machine, waking a sleeping core takes longer than the measured operations.
+    """
+    spin = "import os\nos.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))\nwhile True: pass"
+    spinners = [subprocess.Popen([sys.executable, "-c", spin]) for _ in range(os.cpu_count() or 1)]
+    try:
+        yield
+    finally:
+        for spinner in spinners:
+            spinner.kill()
+            spinner.wait()
 
 
 def settled(counter: Process) -> int:
@@ -106,19 +185,32 @@ def settled(counter: Process) -> int:
         total += more
 
 
-def wait_matched(counter: Process, send) -> None:  # type: ignore[no-untyped-def]
-    """Send until the counter receives samples."""
-    end = time.monotonic() + 10
-    while not counter.ask():
+def wait_matched(counter: Process, send: Callable[[], object], readers: int = 1) -> None:
+    """Call ``send`` until so many samples arrive after one call, and no more come."""
+    end = time.monotonic() + 60
+    counted = 0
+    while counted < readers:
         if time.monotonic() > end:
-            raise TimeoutError("the counting reader hears nothing")
+            raise TimeoutError(f"{counted} of {readers} readers hear something")
+        counter.ask()
         send()
-        select.select([], [], [], 0.1)
+        select.select([], [], [], 0.1 if readers == 1 else 0.3)
+        counted = counter.ask()
     settled(counter)
 
 
-def show(what: str, relay_value: float, agent_value: float, goal: str, digits: int = 1) -> None:
+def middle(values: Sequence[float]) -> float:
+    """The median of runs."""
+    return sorted(values)[len(values) // 2]
+
+
+def heading(*columns: str) -> None:
+    """Print the head of the table; the ratio is that of the second column to the first."""
+    print(f"  {'':<42}" + "".join(f"{name:>12}" for name in columns) + "  ratio     goal")
+
+
+def show(what: str, values: Sequence[float | None], goal: str = "", digits: int = 1) -> None:
     """Print a row of the table."""
-    ratio = f"{agent_value / relay_value:6.2f} ×" if relay_value else ""
-    known = f"{relay_value:12.1f}" if relay_value else " " * 12
-    print(f"  {what:<42}{known}{agent_value:12.{digits}f}  {ratio:<9} {goal}", flush=True)
+    cells = "".join(" " * 12 if one is None else f"{one:12.{digits}f}" for one in values)
+    ratio = f"{values[1] / values[0]:6.2f} ×" if len(values) > 1 and values[0] and values[1] else ""
+    print(f"  {what:<42}{cells}  {ratio:<9} {goal}".rstrip(), flush=True)

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-BENCHMARKS = ("agent.py", "fleet.py", "services.py", "first_calls.py", "drive.py")
+BENCHMARKS = ("middleware.py", "agent.py", "fleet.py", "services.py", "first_calls.py", "drive.py")
 
 
 def main() -> int:
