@@ -2,9 +2,11 @@
 
     python bench/middleware.py [--quick] [--domain N] [--middleware dds rtps ...]
 
-Strings of 64 bytes, best effort, over UDP on loopback. The middlewares take turns, each figure is
-the median of the runs, and the ratio is that of rtps to dds. Goals are printed beside the ratios;
-what misses its goal is told at the end, and is no exit status.
+Strings of 64 bytes, best effort, over UDP on loopback. An agent of each middleware runs, and they
+take turns within each measurement; the agents are started anew some times. A figure is the median
+of the turns. The ratio is that of rtps to dds, and behind it the range of the ratios of turns that
+follow each other. Goals are printed beside the ratios; what misses its goal is told at the end, and
+is no exit status.
 
 The other process is the same for all of them: echo.py for round trips and counter.py else, both on
 Cyclone, which is C, so that little of a figure is theirs.
@@ -13,14 +15,13 @@ Cyclone, which is C, so that little of a figure is theirs.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 
-from echo import BACK
 from load import DRIVES, Board, Pacer, paced_send, round_trips, text, until_answered
 from process import (
     MIDDLEWARES,
     NO_ROS,
     ROS_PYTHON,
+    Process,
     agent,
     cores_awake,
     counter,
@@ -32,7 +33,7 @@ from process import (
     settled,
     show,
     wait_matched,
-)  # fmt: skip
+)
 
 SAMPLE = text(64)
 BOARDS = 100  # with a datawriter and a datareader each
@@ -51,74 +52,137 @@ GOALS = {
     f"memory with {2 * BOARDS} endpoints, MB": 1.0,
 }
 
-Figures = Iterator[tuple[str, float]]
 
+class Contestant:
+    """An agent of one middleware, and three boards of it."""
 
-def bench_trips(middleware: str, count: int) -> Figures:
-    """From the start to the first sample; round trips to another process and to the board."""
-    other = echo()
-    started = time.perf_counter()
-    process = agent(middleware)
-    try:
-        board = Board(settings.port, 0x1000, reads=BACK)
-        datagram = board.sample(SAMPLE)
+    def __init__(self, name: str, number: int, other: Process) -> None:
+        """``other`` sends what it receives on the topic ``rt/NAME`` back."""
+        self.name = name
+        port = settings.port + number
+        started = time.perf_counter()
+        self.process = agent(name, number)
+        # Its samples come back by the other process, and within the agent; those of the last one
+        # are only counted.
+        board = Board(port, 0x1000, f"rt/{name}", reads=f"rt/{name}_back")
+        sample = board.sample(SAMPLE)
+        other.ask()
         while not other.ask():
-            paced_send(board.sock, datagram, 2, 1, 500)
-        yield "start to first sample, ms", (time.perf_counter() - started) * 1e3
-        own = Board(settings.port, 0x1001, "rt/bench_own", reads="rt/bench_own")
-        for way, sock, sample in (
-            ("by another process", board.sock, datagram),
-            ("to the board itself", own.sock, own.sample(SAMPLE)),
-        ):
-            until_answered(sock, sample, 2)
-            round_trips(sock, sample, 2, 200)
-            asleep = round_trips(sock, sample, 2, count)
-            with cores_awake():
-                awake = round_trips(sock, sample, 2, count)
-            for which, times in (("", asleep), (", cores awake", awake)):
-                yield f"{way}{which}, p50, µs", times[count // 2]
-                yield f"{way}{which}, p99, µs", times[count * 99 // 100]
-    finally:
-        process.close()
-        other.close()
+            paced_send(board.sock, sample, 2, 1, 500)
+        self.start = time.perf_counter() - started
+        itself = Board(port, 0x1001, f"rt/{name}_itself", reads=f"rt/{name}_itself")
+        self.ways = {
+            "by another process": (board.sock, sample),
+            "to the board itself": (itself.sock, itself.sample(SAMPLE)),
+        }
+        for sock, datagram in self.ways.values():
+            until_answered(sock, datagram, 2)
+        counted = Board(port, 0x1002, f"rt/board_{number}")
+        self.counted = counted.sock, counted.sample(SAMPLE)
+
+    def send(self, count: int, rate: float, drive: float) -> None:
+        sock, datagram = self.counted
+        paced_send(sock, datagram, 2, count, rate, drive)
 
 
-def bench_cpu(middleware: str, seconds: float) -> Figures:
+class Comparison:
+    """The figures of some middlewares, by their titles."""
+
+    def __init__(self, names: list[str]) -> None:
+        self.names = names
+        self._figures: dict[str, dict[str, list[float]]] = {}
+
+    def note(self, what: str, name: str, value: float) -> None:
+        self._figures.setdefault(what, {}).setdefault(name, []).append(value)
+
+    def show(self) -> None:
+        heading(*self.names)
+        decides = self.names[:2] == ["dds", "rtps"]
+        missed = []
+        for what, turns in self._figures.items():
+            row = [middle(turns[name]) for name in self.names]
+            goal = GOALS.get(what, 0.0) if decides else 0.0
+            note = ""
+            if decides and row[0]:
+                ratios = [b / a for a, b in zip(turns["dds"], turns["rtps"], strict=True) if a]
+                note = f"({min(ratios):.2f} to {max(ratios):.2f})" if len(ratios) > 1 else ""
+            show(what, row, f"≤ {goal} ×" if goal else "", note=note)
+            if goal and row[1] > goal * row[0]:
+                missed.append(what)
+        if decides:
+            print("  " + ("missed: " + "; ".join(missed) if missed else "all goals are reached"))
+
+
+def bench_trips(comparison: Comparison, contestants: list[Contestant], count: int) -> None:
+    """Round trips through another process, and to the board itself: p50 and p99 in µs."""
+
+    def trips(way: str, title: str) -> None:
+        for one in contestants:
+            sock, datagram = one.ways[way]
+            round_trips(sock, datagram, 2, 100)
+            times = round_trips(sock, datagram, 2, count)
+            comparison.note(f"{title}, p50, µs", one.name, times[count // 2])
+            comparison.note(f"{title}, p99, µs", one.name, times[count * 99 // 100])
+
+    for way in contestants[0].ways:
+        trips(way, way)
+        with cores_awake():
+            trips(way, f"{way}, cores awake")
+
+
+def bench_cpu(
+    comparison: Comparison, contestants: list[Contestant], other: Process, seconds: float
+) -> None:
     """The agent's CPU for a message that another process receives."""
-    other = counter()
-    process = agent(middleware)
+    for rate, drive in LOADS:
+        count = int(rate * seconds)
+        for one in contestants:
+            before = one.process.cpu()
+            one.send(count, rate, DRIVES[drive])
+            lost = count - settled(other)
+            cpu = (one.process.cpu() - before) / count * 1e6
+            comparison.note(f"CPU µs/msg at {rate}/s, {drive}", one.name, cpu)
+            comparison.note(f"  lost at {rate}/s, {drive}, %", one.name, 100 * lost / count)
+
+
+def bench_running(comparison: Comparison, turns: int, count: int, seconds: float) -> None:
+    """Start the agents and measure them in turn."""
+    processes = [echo(*(f"rt/{name}" for name in comparison.names))]
+    contestants: list[Contestant] = []
     try:
-        board = Board(settings.port, 0x1000)
-        datagram = board.sample(SAMPLE)
-        wait_matched(other, lambda: paced_send(board.sock, datagram, 2, 1, 0))
-        for rate, drive in LOADS:
-            count = int(rate * seconds)
-            before = process.cpu()
-            paced_send(board.sock, datagram, 2, count, rate, DRIVES[drive])
-            received = settled(other)
-            cpu = (process.cpu() - before) / count * 1e6
-            yield f"CPU µs/msg at {rate}/s, {drive}", cpu
-            yield f"  lost at {rate}/s, {drive}, %", 100 * (count - received) / count
+        for number, name in enumerate(comparison.names):
+            one = Contestant(name, number, processes[0])
+            contestants.append(one)
+            comparison.note("start to first sample, ms", name, one.start * 1000)
+        processes.append(counter(str(len(contestants))))
+        for one in contestants:
+            wait_matched(processes[1], lambda: one.send(1, 0, 0))  # noqa: B023
+        for _ in range(turns):
+            bench_trips(comparison, contestants, count)
+            bench_cpu(comparison, contestants, processes[1], seconds)
     finally:
-        process.close()
-        other.close()
+        for process in (*processes, *(one.process for one in contestants)):
+            process.close()
 
 
-def bench_memory(middleware: str) -> Figures:
+def bench_memory(comparison: Comparison) -> None:
     """Memory before the first board, and with boards whose topics another process reads."""
-    other = counter(str(BOARDS))
-    process = agent(middleware)
-    try:
-        yield "memory idle, MB", process.resident()
-        boards = [
-            Board(settings.port, 0x2000 + i, f"rt/board_{i}", reads=f"rt/board_{i}")
-            for i in range(BOARDS)
-        ]
-        wait_matched(other, Pacer(boards, SAMPLE).round, BOARDS)
-        yield f"memory with {2 * BOARDS} endpoints, MB", process.resident()
-    finally:
-        process.close()
-        other.close()
+    for name in comparison.names:
+        other = counter(str(BOARDS))
+        process = agent(name)
+        try:
+            comparison.note("memory idle, MB", name, process.resident())
+            topics = [f"rt/board_{i}" for i in range(BOARDS)]
+            boards = [
+                Board(settings.port, 0x2000 + i, topic, reads=topic)
+                for i, topic in enumerate(topics)
+            ]
+            wait_matched(other, Pacer(boards, SAMPLE).round, BOARDS)
+            what = f"memory with {2 * BOARDS} endpoints, MB"
+            comparison.note(what, name, process.resident())
+        finally:
+            process.close()
+            other.close()
 
 
 def main() -> None:
@@ -131,25 +195,12 @@ def main() -> None:
     if "ros2" in names and not ROS_PYTHON.exists():
         print(f"  without ros2: {NO_ROS}")
         names.remove("ros2")
-    seconds, count, runs = (0.5, 300, 1) if parsed.quick else (4.0, 3000, 3)
-    figures: dict[str, dict[str, list[float]]] = {}
-    for _ in range(runs):
-        for name in names:
-            for bench in (
-                bench_trips(name, count), bench_cpu(name, seconds), bench_memory(name)
-            ):  # fmt: skip
-                for what, value in bench:
-                    figures.setdefault(what, {}).setdefault(name, []).append(value)
-    heading(*names)
-    missed = []
-    for what, values in figures.items():
-        row = [middle(values[name]) for name in names]
-        goal = GOALS.get(what)
-        show(what, row, f"≤ {goal} ×" if goal else "")
-        if goal and names[:2] == ["dds", "rtps"] and row[1] > goal * row[0]:
-            missed.append(what)
-    if names[:2] == ["dds", "rtps"]:
-        print("  " + ("missed: " + "; ".join(missed) if missed else "all goals are reached"))
+    starts, turns, count, seconds = (1, 1, 500, 0.5) if parsed.quick else (3, 3, 1000, 1.0)
+    comparison = Comparison(names)
+    for _ in range(starts):
+        bench_running(comparison, turns, count, seconds)
+        bench_memory(comparison)
+    comparison.show()
 
 
 if __name__ == "__main__":

@@ -142,8 +142,8 @@ def counter(*arguments: str) -> Process:
     return Process("counter.py", str(settings.domain), *arguments, ready="ready")
 
 
-def echo() -> Process:
-    return Process("echo.py", str(settings.domain), ready="ready")
+def echo(*topics: str) -> Process:
+    return Process("echo.py", str(settings.domain), *topics, ready="ready")
 
 
 def agent(middleware: str = "", number: int = 0) -> Process:
@@ -209,8 +209,10 @@ def heading(*columns: str) -> None:
     print(f"  {'':<42}" + "".join(f"{name:>12}" for name in columns) + "  ratio     goal")
 
 
-def show(what: str, values: Sequence[float | None], goal: str = "", digits: int = 1) -> None:
-    """Print a row of the table."""
+def show(
+    what: str, values: Sequence[float | None], goal: str = "", digits: int = 1, note: str = ""
+) -> None:
+    """Print a row of the table; ``note`` stands behind the goal."""
     cells = "".join(" " * 12 if one is None else f"{one:12.{digits}f}" for one in values)
     ratio = f"{values[1] / values[0]:6.2f} ×" if len(values) > 1 and values[0] and values[1] else ""
-    print(f"  {what:<42}{cells}  {ratio:<9} {goal}".rstrip(), flush=True)
+    print(f"  {what:<42}{cells}  {ratio:<9} {goal:<9} {note}".rstrip(), flush=True)
