@@ -24,7 +24,7 @@ from process import (
     settled,
     show,
     wait_matched,
-)  # fmt: skip
+)
 from relay import TOPIC
 
 SIZE = 64

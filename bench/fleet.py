@@ -30,7 +30,7 @@ from process import (
     settled,
     show,
     wait_matched,
-)  # fmt: skip
+)
 
 SIZE = 64
 # Boards, samples a second of each, and the goals: MB and cores, the latter for the even drive.
@@ -107,8 +107,10 @@ def bench_beside(noise_by: str, seconds: float) -> tuple[float, float, float, fl
             other.signal(signal.SIGSTOP)
         if noise_by == "flood":
             other.ask()
+        started = time.perf_counter()
         sent, times = Pacer(boards, text(SIZE)).run_with_echo(20, seconds)
-        arrived = other.ask() / seconds if noise_by == "flood" else 0.0
+        took = time.perf_counter() - started
+        arrived = other.ask() / took if noise_by == "flood" else 0.0
         sent_by_flood = float(noise.communicate()[0]) if noise_by == "flood" else 0.0
         return (
             times[len(times) // 2] * 1e3,

@@ -24,7 +24,7 @@ from process import (
     options,
     settings,
     show,
-)  # fmt: skip
+)
 
 from uros.wire import entities
 
