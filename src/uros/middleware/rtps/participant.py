@@ -66,6 +66,9 @@ _DIRECTED_PERIOD: Final = LEASE_MS / 3000
 # Seconds for which a participant gets nothing before an announcement of ours that is longer than
 # what has come from it: it announces itself several times at first.
 _INTRODUCTION: Final = 0.5
+# Fast DDS announces itself a moment before it handles what comes, so our answer may be lost. One
+# that announces itself again and has not answered gets another one, after so many seconds.
+_ANSWER_PAUSE: Final = 0.05
 # Octets of early and incomplete samples of all readers.
 MAX_HELD: Final = 64 * 1024 * 1024
 # Seconds without a poll after which this process was stopped. Announcements of others are still
@@ -423,7 +426,9 @@ class Participant:
                 return  # another host uses its GUID
             remote.hear(source)
             if remote.lacks_announcement:
-                self._introduce(remote)
+                self._introduce(remote, now)
+            elif not remote.is_proven and now - remote.announced_at >= _ANSWER_PAUSE:
+                self._introduce(remote, now)
             remote.lease = lease(announced)
             remote.expires = now + remote.lease
             self._schedule.touch(remote)
@@ -447,7 +452,7 @@ class Participant:
         remote.hear(source)
         remote.received = octets
         self._schedule.touch(remote)
-        self._introduce(remote)
+        self._introduce(remote, now)
         self._match_builtin(remote, now)
         self.on_participant(announced, True)
         return remote
@@ -459,12 +464,13 @@ class Participant:
         if again is not None:
             again.is_proven = remote.is_proven
 
-    def _introduce(self, remote: RemoteParticipant) -> None:
+    def _introduce(self, remote: RemoteParticipant, now: float) -> None:
         """Announce ourselves to a participant: it need not wait for our next announcement."""
         place = remote.place(remote.data.metatraffic_unicast)
         if place is not None:
             message = self._announcer.announcement()
             if remote.may_announce(len(message)):
+                remote.announced_at = now
                 self._outbox.datagrams.append((message, place))
 
     def _exchange(self, before: int, after: int, holder: bytes) -> bool:

@@ -39,13 +39,15 @@ _RETRY_LAST: Final = 2.0
 # A writer whose heartbeats, or best-effort samples, are behind what came from it for so long has
 # begun anew; seconds.
 _RESTART_AFTER: Final = 1.0
-# A writer that does not answer the first acknowledgement with a heartbeat is asked again, after
-# these seconds; Fast DDS repeats its own after 3.
-_ASK_AFTER: Final = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)
+# A writer that does not answer the first acknowledgement with a heartbeat is asked again, after a
+# time that doubles; Fast DDS repeats its own after 3 s. It is asked as long as it is there: each
+# acknowledgement may be lost, and one that began anew counts none that comes within a second.
+_ASK_FIRST: Final = 0.1
+_ASK_LAST: Final = 6.4
 # Samples that come before the first heartbeat wait for it, as the first of them may be lost, until
 # so many questions were not answered; then the lowest of them is the first. At 30 % loss three in
 # turn are not rare.
-_MAX_UNANSWERED: Final = len(_ASK_AFTER)
+_MAX_UNANSWERED: Final = 6
 _COUNT_HALF: Final = 0x8000_0000
 
 
@@ -497,9 +499,8 @@ class StatefulReader:
             if proxy.held and proxy.asked >= _MAX_UNANSWERED and proxy.expected is None:
                 proxy.expected = min(proxy.held)
                 self._deliver_held(proxy)
-            if proxy.asked < len(_ASK_AFTER):
-                proxy.ack_at = now + _ASK_AFTER[proxy.asked]
-                proxy.asked += 1
+            proxy.ack_at = now + min(_ASK_LAST, _ASK_FIRST * 2 ** min(proxy.asked, 10))
+            proxy.asked += 1
             return self._acknack(proxy, entity, base, [], False)
         proxy.ack_at = None
         assert proxy.expected is not None

@@ -264,6 +264,36 @@ def test_a_participant_that_has_not_answered_gets_no_more_octets_than_came(netwo
     assert sum(len(datagram) for _, datagram, place in network.log if place != GROUP) > 10_000
 
 
+def test_a_participant_that_missed_our_answer_gets_another_one(network):
+    """Fast DDS announces itself a moment before it handles what comes."""
+    one = network.add(1)
+    stranger = Stranger(network, one)
+
+    def answers():
+        """How often it announced itself to the stranger alone."""
+        network.carry()
+        return sum(
+            isinstance(submessage, submessages.Data) and submessage.writer == ids.SPDP_WRITER
+            for _, datagram, place in network.log
+            if place.address == stranger.address
+            for submessage in submessages.read(memoryview(datagram))
+        )
+
+    stranger.announce(user_data=bytes(200))
+    assert answers() == 1
+    network.now += 0.01
+    stranger.announce(user_data=bytes(200))
+    assert answers() == 1  # two that have not answered do not announce themselves in turn
+    network.now += 0.1
+    stranger.announce(user_data=bytes(200))
+    assert answers() == 2
+    acknack = submessages.encode_acknack(ids.PUBLICATIONS_READER, ids.PUBLICATIONS_WRITER, 1, (), 1)
+    stranger.send(submessages.encode_info_dst(prefix(1)), acknack)
+    network.now += 0.1
+    stranger.announce(user_data=bytes(200))
+    assert answers() == 2
+
+
 def test_a_farewell_from_another_address_does_not_count(network):
     one, two = pair(network)
     farewell = announcement(

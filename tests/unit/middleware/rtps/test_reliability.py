@@ -575,4 +575,17 @@ def test_without_a_heartbeat_a_reader_asks_six_times_and_begins_with_the_lowest_
         assert now is not None and len(asked) < 7
         asked += [now for _ in end.reader.poll(now)]
     assert end.numbers == [5, 6] and len(asked) == 7 and 3.0 < asked[-1] < 10.0
-    assert end.reader.next_deadline() is None
+
+
+def test_a_reader_asks_more_and_more_seldom_until_a_heartbeat_answers():
+    """All questions so far may have been lost, or were too early for a writer that began anew."""
+    end = End()
+    end.reader.match(WRITER, True, 0.0)
+    asked = []
+    while len(asked) < 30:
+        now = end.reader.next_deadline()
+        asked += [now for _ in end.reader.poll(now)]
+    pauses = [round(b - a, 3) for a, b in zip(asked, asked[1:], strict=False)]
+    assert pauses == sorted(pauses) and 5.0 < pauses[-1] < 10.0
+    end.reader.receive(WRITER, Heartbeat(bytes(4), bytes(4), 1, 0, 1, True, False), now)
+    assert not list(end.reader.poll(now + 100)) and end.reader.next_deadline() is None
