@@ -70,8 +70,8 @@ class RoughSockets:
             [self._sockets.send(*item) for item in self._rough((datagram, place), self._sent)]
         )
 
-    def receive(self):
-        for view, source in self._sockets.receive():
+    def receive(self, fileno):
+        for view, source in self._sockets.receive(fileno):
             for octets, origin in self._rough((bytes(view), source), self._received):
                 yield memoryview(octets), origin
 

@@ -113,7 +113,7 @@ def each_interface_carries_announcements():
         heard = set()
         machines.until(
             lambda listener=listener, heard=heard: heard.update(
-                address for _, address in listener.receive()
+                address for fileno in listener.filenos() for _, address in listener.receive(fileno)
             ) or heard
         )  # fmt: skip
         assert heard == {source}

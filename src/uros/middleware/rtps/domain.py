@@ -36,8 +36,9 @@ _PAUSE: Final = 0.001
 _MAX_BACKLOG: Final = 50_000
 # Octets of such datagrams for all places.
 _MAX_BACKLOG_OCTETS: Final = 128 * 1024 * 1024
-# Attack: datagrams that take long. Seconds of them in one turn; boards are served in between.
-_RECEIVE_SECONDS: Final = 0.01
+# Attack: datagrams that take long, and crowds that come at once. Seconds of them in one turn, for
+# each descriptor; boards are served in between.
+_RECEIVE_SECONDS: Final = 0.002
 # Attack: topics without end whose endpoints do not match. Pairs that are reported once.
 _MAX_REPORTED: Final = 1000
 
@@ -103,7 +104,7 @@ class RtpsDomain:
         self.participant = Participant(
             ids.VENDOR + os.urandom(ids.PREFIX_SIZE - len(ids.VENDOR)), number,
             self._sockets.unicast, self._sockets.multicast, self._sockets.peers,
-            user_data.PARTICIPANT, now, settings.message_size,
+            user_data.PARTICIPANT, now, settings.message_size, self._sockets.data,
         )  # fmt: skip
         self.participant.on_participant = self._on_participant
         self.participant.on_endpoint = self._on_endpoint
@@ -256,10 +257,10 @@ class RtpsDomain:
         """Return the descriptors that are readable when datagrams have come."""
         return self._sockets.filenos()
 
-    def receive(self) -> None:
-        """Handle a burst of datagrams; what they cause to be sent is due at once."""
+    def receive(self, fileno: int) -> None:
+        """Handle a burst of datagrams of a descriptor; what they have us send is due at once."""
         now = time.monotonic()
-        for datagram, source in self._sockets.receive():
+        for datagram, source in self._sockets.receive(fileno):
             self.participant.receive(datagram, source, now)
             if time.monotonic() - now > _RECEIVE_SECONDS:
                 break
@@ -278,7 +279,8 @@ class RtpsDomain:
             self.info.tick(now)
         if self._sockets.scan_at is not None and self._sockets.scan_at <= now:
             if self._sockets.scan(now):
-                self.participant.move(self._sockets.unicast, self._sockets.multicast, now)
+                sockets = self._sockets
+                self.participant.move(sockets.unicast, sockets.multicast, now, sockets.data)
         self.participant.poll(now)
         self._send()
 

@@ -1,7 +1,10 @@
-"""The sockets of one domain for one version of IP: one for unicast, one for multicast.
+"""The sockets of one domain for one version of IP: for samples, for discovery, for multicast.
 
-The unicast socket sends everything. It sends announcements out of each interface in turn, so that
-they reach the network of each.
+Samples have a port of their own: they must neither wait behind the announcements of a crowd of
+participants, nor get lost because those have filled a buffer.
+
+The unicast socket of discovery sends everything. It sends announcements out of each interface in
+turn, so that they reach the network of each.
 """
 
 from __future__ import annotations
@@ -34,31 +37,36 @@ class IpSockets:
 
     Attributes:
         kind: :data:`UDPV4` or :data:`UDPV6`.
-        port: The port of the unicast socket.
+        port: The unicast port for discovery.
+        data_port: That for samples.
         joined: Interfaces on which announcements are received and sent, by index.
 
     Args:
         kind: The version.
-        port: The unicast port; 0: any free one.
+        port: The unicast port for discovery; 0: any free one.
+        data_port: That for samples; 0: any free one.
         stays_local: Whether the sockets are bound to loopback.
 
     Raises:
-        OSError: The port is in use, or this version of IP is not there.
+        OSError: A port is in use, or this version of IP is not there.
     """
 
-    def __init__(self, kind: int, port: int, stays_local: bool) -> None:
+    def __init__(self, kind: int, port: int, data_port: int, stays_local: bool) -> None:
         self.kind = kind
         self.joined: dict[int, Interface] = {}
         self._groups: tuple[str, ...] = locators.MULTICAST_GROUPS[kind]
         self._multicast: socket.socket | None = None
         self._unicast = self._socket()
+        self._data = self._socket()
         try:
             # Without SO_REUSEADDR: a port of another participant must not be shared.
-            self._unicast.bind((LOOPBACK[kind] if stays_local else "", port))
+            for sock, number in ((self._unicast, port), (self._data, data_port)):
+                sock.bind((LOOPBACK[kind] if stays_local else "", number))
         except OSError:
-            self._unicast.close()
+            self.close()
             raise
         self.port = int(self._unicast.getsockname()[1])
+        self.data_port = int(self._data.getsockname()[1])
         _enlarge(self._unicast, socket.SO_SNDBUF, _SEND_BUFFER)
         if kind == UDPV4:
             self._unicast.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 1)
@@ -103,8 +111,9 @@ class IpSockets:
 
     @property
     def sockets(self) -> list[socket.socket]:
-        """The sockets that receive."""
-        return [self._unicast] if self._multicast is None else [self._unicast, self._multicast]
+        """The sockets that receive, those of discovery first."""
+        discovery = [] if self._multicast is None else [self._multicast]
+        return [self._unicast, *discovery, self._data]
 
     @property
     def groups(self) -> list[Locator]:

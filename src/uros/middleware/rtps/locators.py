@@ -18,13 +18,13 @@ MULTICAST_GROUPS: Final = {
     UDPV6: ("ff1e::ffff:efff:1", "ff02::ffff:efff:1"),
 }
 
-# The well-known ports: 7400 + 250 for each domain + 2 for each participant + an offset. Data uses
-# the port of discovery.
+# The well-known ports: 7400 + 250 for each domain + 2 for each participant + an offset.
 _BASE: Final = 7400
 _PER_DOMAIN: Final = 250
 _PER_PARTICIPANT: Final = 2
 _METATRAFFIC_MULTICAST: Final = 0
 _METATRAFFIC_UNICAST: Final = 10
+_USER_UNICAST: Final = 11
 MAX_PORT: Final = 0xFFFF
 _IPV4_MAPPED: Final = bytes(10) + b"\xff\xff"
 
@@ -109,5 +109,10 @@ def multicast_port(domain: int) -> int:
 
 
 def metatraffic_port(domain: int, index: int) -> int:
-    """Return the unicast port of a participant."""
+    """Return the unicast port of a participant for discovery."""
     return _BASE + _PER_DOMAIN * domain + _METATRAFFIC_UNICAST + _PER_PARTICIPANT * index
+
+
+def data_port(port: int) -> int:
+    """Return the port of a participant for samples, by that for discovery; 0 for 0."""
+    return port + _USER_UNICAST - _METATRAFFIC_UNICAST if port else 0

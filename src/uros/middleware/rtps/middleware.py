@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import selectors
 import time
@@ -52,7 +53,9 @@ class RtpsMiddleware(Middleware):
                 "the rtps middleware needs epoll or kqueue, which this platform has not: use -m dds"
             )
         self._wakeup = WakeupFd()
-        self._selector.register(self._wakeup.fileno(), selectors.EVENT_READ, self._wakeup.clear)
+        # What to call for descriptors that are ready, in this order.
+        self._handlers: dict[int, Callable[[], None]] = {self._wakeup.fileno(): self._wakeup.clear}
+        self._selector.register(self._wakeup.fileno(), selectors.EVENT_READ)
         self._closed = False
 
     def create_node(
@@ -99,7 +102,8 @@ class RtpsMiddleware(Middleware):
             domain = RtpsDomain(self, number, self._environment, self._announces_nodes)
             self._domains[number] = domain
             for fileno in domain.filenos():
-                self._selector.register(fileno, selectors.EVENT_READ, domain.receive)
+                self._handlers[fileno] = functools.partial(domain.receive, fileno)
+                self._selector.register(fileno, selectors.EVENT_READ)
         return domain
 
     def graph(self, domain: int, on_change: Callable[[], None]) -> RtpsGraph:
@@ -125,8 +129,12 @@ class RtpsMiddleware(Middleware):
             return
         self._is_receiving = True  # dispatch_local follows: nothing needs to be woken
         try:
-            for handle in dict.fromkeys(key.data for key, _ in self._selector.select(0)):
-                handle()
+            ready = [key.fd for key, _ in self._selector.select(0)]
+            if len(ready) > 1:
+                # What announces a writer comes before its first sample.
+                ready.sort(key=list(self._handlers).index)
+            for fileno in ready:
+                self._handlers[fileno]()
         except BaseException:
             self._wakeup.set()  # for what was received before
             raise

@@ -94,12 +94,13 @@ class Participant:
     Args:
         prefix: The GUID prefix, 12 octets that begin with our vendor id.
         domain: The domain.
-        unicast: Where we receive, announced for discovery and data.
+        unicast: Where we receive, announced for discovery.
         multicast: Where all participants of the domain receive announcements.
         peers: Further places to announce to.
         user_data: USER_DATA of the participant.
         now: The time in seconds.
         message_size: The most octets of a datagram.
+        data: Where we receive samples; None: where we receive discovery.
     """
 
     def __init__(
@@ -112,6 +113,7 @@ class Participant:
         user_data: bytes,
         now: float,
         message_size: int = MESSAGE_SIZE,
+        data: list[Locator] | None = None,
     ) -> None:
         self.guid = prefix + ids.ENTITY_PARTICIPANT
         self.remotes: dict[bytes, RemoteParticipant] = {}
@@ -135,11 +137,11 @@ class Participant:
         self._turn = 0
         self._polled_at = now
         self._next_key = 0
-        data = ParticipantData(
+        announced = ParticipantData(
             self.guid, domain, "", builtin.SERVED, LEASE_MS,
-            unicast, multicast, unicast, [], user_data,
+            unicast, multicast, unicast if data is None else data, [], user_data,
         )  # fmt: skip
-        self._announcer = ParticipantAnnouncer(data, now)
+        self._announcer = ParticipantAnnouncer(announced, now)
         self._now = now
         self._outbox = Outbox(prefix, self.remotes, message_size)
         self._schedule = EndpointSchedule()
@@ -180,9 +182,15 @@ class Participant:
         datagrams, self._outbox.datagrams = self._outbox.datagrams, []
         return datagrams
 
-    def move(self, unicast: list[Locator], multicast: list[Locator], now: float) -> None:
+    def move(
+        self,
+        unicast: list[Locator],
+        multicast: list[Locator],
+        now: float,
+        data: list[Locator] | None = None,
+    ) -> None:
         """Announce that we receive elsewhere from now on; see the class for the arguments."""
-        self._announcer.move(unicast, multicast, now)
+        self._announcer.move(unicast, multicast, unicast if data is None else data, now)
         self._announce_to = [*multicast, *self._peers]
         for remote in self.remotes.values():
             remote.announced_at = float("-inf")

@@ -40,11 +40,13 @@ class ParticipantAnnouncer:
         self._periods += 1
         self.due = now + (pauses[count] if count < len(pauses) else _PERIOD)
 
-    def move(self, unicast: list[Locator], multicast: list[Locator], now: float) -> None:
+    def move(
+        self, unicast: list[Locator], multicast: list[Locator], data: list[Locator], now: float
+    ) -> None:
         """Announce other locators from now on, with the first announcement at once."""
         self._data = dataclasses.replace(
             self._data, metatraffic_unicast=unicast, metatraffic_multicast=multicast,
-            default_unicast=unicast,
+            default_unicast=data,
         )  # fmt: skip
         self._periods = 0
         self.due = now

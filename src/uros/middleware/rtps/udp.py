@@ -1,13 +1,14 @@
 """The UDP sockets of one domain, on the interfaces that there are at each time.
 
-One port receives discovery and data by unicast: the well-known one of the lowest free participant
-index (RTPS 9.6.2.3), so that peers which know only the address find it. Where multicast is allowed,
-a second socket for each version of IP receives the announcements of all participants.
+Two ports receive discovery and samples by unicast: the well-known ones of the lowest free
+participant index (RTPS 9.6.2.3), so that peers which know only the address find it. Where multicast
+is allowed, a further socket for each version of IP receives the announcements of all participants.
 """
 
 from __future__ import annotations
 
 import errno
+import socket
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -41,7 +42,8 @@ class DomainSockets:
     """The sockets of a domain.
 
     Attributes:
-        unicast: Where peers reach us.
+        unicast: Where peers reach us for discovery.
+        data: Where they reach us with samples.
         multicast: Where all participants of the domain receive announcements; empty without.
         peers: Further places to announce to.
         send_errors: Datagrams that the system did not take, by ``errno``.
@@ -67,6 +69,7 @@ class DomainSockets:
         list_interfaces: Callable[[], list[Interface]] = addresses.interfaces,
     ) -> None:
         self.unicast: list[Locator] = []
+        self.data: list[Locator] = []
         self.multicast: list[Locator] = []
         self.peers = list(settings.peers)
         self.send_errors: Counter[int] = Counter()
@@ -76,6 +79,7 @@ class DomainSockets:
         self._list_interfaces = list_interfaces
         self._interfaces: list[Interface] = []
         self._sockets: dict[int, IpSockets] = {}
+        self._receiving: dict[int, tuple[int, socket.socket]] = {}  # by descriptor
         self._unreachable: set[str] = set()
         self._buffer = bytearray(_LARGEST)
         self._view = memoryview(self._buffer)
@@ -89,6 +93,8 @@ class DomainSockets:
         except MiddlewareError:
             self.close()
             raise
+        for kind, each in self._sockets.items():
+            self._receiving.update((sock.fileno(), (kind, sock)) for sock in each.sockets)
         self.scan(now)
         self._check_choices()
 
@@ -146,16 +152,17 @@ class DomainSockets:
 
     def _open_at(self, domain: int, port: int) -> bool:
         """Open the sockets of all versions of IP at a port; return False if it is taken."""
+        data_port = locators.data_port(port)
         for kind in self._settings.kinds:
             try:
-                opened = IpSockets(kind, port, self._settings.stays_local)
+                opened = IpSockets(kind, port, data_port, self._settings.stays_local)
             except OSError as error:
                 self.close()
                 if error.errno == errno.EADDRINUSE:
                     return False
                 raise MiddlewareError(f"domain {domain}: {_fault(kind, port, error)}") from error
             self._sockets[kind] = opened
-            port = opened.port
+            port, data_port = opened.port, opened.data_port
         return True
 
     def _check_choices(self) -> None:
@@ -192,37 +199,37 @@ class DomainSockets:
         for each in self._sockets.values():
             each.join(with_multicast)
         before = self.unicast, self.multicast
-        port = next(iter(self._sockets.values())).port
-        self.unicast = network.announced(self._interfaces, self._sockets, port)
+        ports = next(iter(self._sockets.values()))
+        self.unicast = network.announced(self._interfaces, self._sockets, ports.port)
+        self.data = network.announced(self._interfaces, self._sockets, ports.data_port)
         self.multicast = [place for each in self._sockets.values() for place in each.groups]
         return (self.unicast, self.multicast) != before
 
     # --- datagrams -------------------------------------------------------------------------------
 
     def filenos(self) -> list[int]:
-        """Return the descriptors that are readable when datagrams have come."""
-        return [sock.fileno() for each in self._sockets.values() for sock in each.sockets]
+        """Return the descriptors that are readable when datagrams have come, samples last."""
+        return list(self._receiving)
 
-    def receive(self) -> Iterator[tuple[memoryview, str]]:
-        """Yield datagrams that have come, with the addresses of their senders.
+    def receive(self, fileno: int) -> Iterator[tuple[memoryview, str]]:
+        """Yield datagrams that have come to a descriptor, with the addresses of their senders.
 
-        A datagram is valid until the next one. At most a burst is taken of each socket; the rest
-        leaves its descriptor readable. A link-local address has the number of its interface, see
+        A datagram is valid until the next one. At most a burst is taken; the rest leaves the
+        descriptor readable. A link-local address has the number of its interface, see
         :class:`Locator`.
         """
-        for each in list(self._sockets.values()):
-            for sock in each.sockets:
-                for _ in range(_MAX_BURST):
-                    try:
-                        size, source = sock.recvfrom_into(self._buffer)
-                    except BlockingIOError:
-                        break
-                    except OSError:
-                        continue  # an ICMP error of a datagram sent earlier
-                    if each.kind == UDPV6:
-                        yield self._view[:size], locators.scoped(source[0], source[3])
-                    else:
-                        yield self._view[:size], source[0]
+        kind, sock = self._receiving[fileno]
+        for _ in range(_MAX_BURST):
+            try:
+                size, source = sock.recvfrom_into(self._buffer)
+            except BlockingIOError:
+                break
+            except OSError:
+                continue  # an ICMP error of a datagram sent earlier
+            if kind == UDPV6:
+                yield self._view[:size], locators.scoped(source[0], source[3])
+            else:
+                yield self._view[:size], source[0]
 
     def send(self, datagram: bytes, place: Locator) -> bool:
         """Send a datagram.
@@ -256,6 +263,7 @@ class DomainSockets:
         for each in self._sockets.values():
             each.close()
         self._sockets.clear()
+        self._receiving.clear()
         self.scan_at = None
 
 

@@ -9,7 +9,7 @@ from support.rtps_pair import Pair
 from uros.middleware import open_middleware
 from uros.middleware.base import MiddlewareError
 from uros.middleware.dds.middleware import DdsMiddleware
-from uros.middleware.rtps import endpoints, locators, network
+from uros.middleware.rtps import endpoints, ids, locators, network, submessages
 from uros.middleware.rtps.locators import UDPV4, Locator
 from uros.middleware.rtps.middleware import RtpsMiddleware
 from uros.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -62,6 +62,28 @@ def test_best_effort_samples_of_64_kilobytes_arrive_whole(pair):
         samples = []
         pair.until(lambda samples=samples: samples.extend(reader.take(1)) or samples)
         assert samples == [cdr(60_000 // 256 * 256)]
+
+
+def test_samples_do_not_wait_behind_the_announcements_of_a_crowd(pair, monkeypatch):
+    """A thousand datagrams of discovery take many turns; a sample that comes last is next."""
+    reader = pair.nodes[1].create_reader("rt/a", TYPE, QoSProfile(), lambda: None)
+    writer = pair.nodes[0].create_writer("rt/a", TYPE, QoSProfile())
+    pair.until(writer.matched)
+    assert writer.write(cdr(100))
+    pair.until(lambda: reader.take(1))
+    handled = []
+    target = pair.domains[1]
+    receive = target.participant.receive
+    monkeypatch.setattr(
+        target.participant, "receive",
+        lambda datagram, *more: (handled.append(len(datagram)), receive(datagram, *more)),
+    )  # fmt: skip
+    (place,) = target._sockets.unicast
+    for _ in range(1000):
+        assert pair.domains[0]._sockets.send(submessages.header(ids.NO_PREFIX), place)
+    assert writer.write(cdr(100))
+    pair.middlewares[1].dispatch()
+    assert reader.take(1) == [cdr(100)] and 1 < len(handled) < 200
 
 
 @pytest.mark.parametrize("reader_first", [True, False])

@@ -38,8 +38,34 @@ def opened():
         each.close()
 
 
+def received(sockets):
+    """What has come to all descriptors."""
+    return [
+        (bytes(data), source)
+        for fileno in sockets.filenos()
+        for data, source in sockets.receive(fileno)
+    ]
+
+
 def port_of(domain, index):
     return locators.metatraffic_port(domain, index)
+
+
+# --- ports ---------------------------------------------------------------------------------------
+
+
+def test_samples_have_a_port_of_their_own_next_to_that_of_discovery(opened, own_domain_id):
+    sockets = opened(own_domain_id)
+    assert sockets.data == [Locator(UDPV4, port_of(own_domain_id, 0) + 1, "127.0.0.1")]
+    for data, place in ((b"sample", sockets.data[0]), (b"discovery", sockets.unicast[0])):
+        sockets.send(data, place)
+    assert [data for data, _ in received(sockets)] == [b"discovery", b"sample"]
+
+
+def test_an_index_whose_port_for_samples_is_taken_is_passed_over(opened, own_domain_id):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("127.0.0.1", port_of(own_domain_id, 0) + 1))
+        assert opened(own_domain_id).unicast[0].port == port_of(own_domain_id, 1)
 
 
 # --- the participant index ------------------------------------------------------------------------
@@ -82,12 +108,12 @@ def test_only_the_multicast_port_is_shared(opened, own_domain_id):
             sock.getsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR)
             for sock in sockets._sockets[UDPV4].sockets
         ]
-        assert shared == [0, 1] and sockets.unicast[0].port == port_of(own_domain_id, number)
+        assert shared == [0, 1, 0] and sockets.unicast[0].port == port_of(own_domain_id, number)
 
 
 def test_localhost_opens_no_multicast_socket(opened, own_domain_id):
     sockets = opened(own_domain_id, read_settings({"ROS_LOCALHOST_ONLY": "1"}, own_domain_id))
-    assert len(sockets.filenos()) == 1 and sockets.multicast == []
+    assert len(sockets.filenos()) == 2 and sockets.multicast == []
     assert Locator(UDPV4, port_of(own_domain_id, 31), "127.0.0.1") in sockets.peers
 
 
@@ -128,11 +154,11 @@ class TakenOnIpv6:
     def __init__(self, times):
         self.times = times
 
-    def __call__(self, kind, port, stays_local):
+    def __call__(self, kind, port, data_port, stays_local):
         if kind == UDPV6 and self.times:
             self.times -= 1
             raise OSError(errno.EADDRINUSE, "taken")
-        return ip_sockets.IpSockets(kind, port, stays_local)
+        return ip_sockets.IpSockets(kind, port, data_port, stays_local)
 
 
 def test_any_free_port_is_one_that_is_free_on_both_versions_of_ip(
@@ -143,7 +169,8 @@ def test_any_free_port_is_one_that_is_free_on_both_versions_of_ip(
         kinds=(UDPV4, UDPV6), stays_local=True, multicast=False, index=-1
     )  # fmt: skip
     sockets = opened(own_domain_id, settings)
-    assert len(sockets.filenos()) == 2 and len({place.port for place in sockets.unicast}) == 1
+    assert len(sockets.filenos()) == 4 and len({place.port for place in sockets.unicast}) == 1
+    assert len({place.port for place in sockets.data}) == 1
     monkeypatch.setattr(udp, "IpSockets", TakenOnIpv6(1000))
     with pytest.raises(MiddlewareError, match="no port that is free on IPv4 and IPv6"):
         opened(own_domain_id, settings)
@@ -243,7 +270,7 @@ def test_datagrams_of_both_versions_of_ip(opened, own_domain_id, kinds, address)
     one, other = opened(own_domain_id, settings), opened(own_domain_id, settings)
     (place,) = [place for place in other.unicast if place.address == address]
     assert one.send(b"hello", place)
-    assert [(bytes(data), source) for data, source in other.receive()] == [(b"hello", address)]
+    assert [(bytes(data), source) for data, source in received(other)] == [(b"hello", address)]
 
 
 def test_announcements_by_multicast_come_back(opened, own_domain_id):
@@ -251,7 +278,7 @@ def test_announcements_by_multicast_come_back(opened, own_domain_id):
     one, other = opened(own_domain_id, settings), opened(own_domain_id, settings)
     (group,) = one.multicast
     assert one.send(b"here", group)
-    assert [bytes(data) for data, _ in other.receive()] == [b"here"]
+    assert [bytes(data) for data, _ in received(other)] == [b"here"]
     assert not one.send_errors
 
 
@@ -263,8 +290,8 @@ def test_announcements_come_from_joined_interfaces_alone(opened, own_domain_id):
     other = opened(own_domain_id, NetworkSettings(stays_local=True))
     (group,) = one.multicast
     assert one.send(b"here", group)
-    assert [bytes(data) for data, _ in one.receive()] == [b"here"]
-    assert not list(other.receive()) and not other.multicast
+    assert [bytes(data) for data, _ in received(one)] == [b"here"]
+    assert not received(other) and not other.multicast
 
 
 def test_what_cannot_be_sent_is_counted(opened, own_domain_id):
