@@ -4,7 +4,9 @@ Samples have a port of their own: they must neither wait behind the announcement
 participants, nor get lost because those have filled a buffer.
 
 The unicast socket of discovery sends everything. It sends announcements out of each interface in
-turn, so that they reach the network of each.
+turn, so that they reach the network of each. Once its buffer is full, as a slow link does not take
+what is sent to one host, each host that is sent to meanwhile gets a socket with a buffer of its
+own, on the same port: the others must not wait for the slow one.
 """
 
 from __future__ import annotations
@@ -25,6 +27,10 @@ from .network import LOOPBACK
 # most that net.core.rmem_max allows.
 _RECEIVE_BUFFER: Final = 4 * 1024 * 1024
 _SEND_BUFFER: Final = 1024 * 1024
+# Hosts with a buffer of their own; the first one of them makes room for one more.
+_MAX_OWN: Final = 64
+# The port of the discard service: nobody sends from it.
+_DISCARD: Final = 9
 # Announcements stay on the link, as those of Fast DDS do.
 _HOPS: Final = 1
 # Linux: receive from groups that this socket has joined, not from all that anybody has.
@@ -56,12 +62,14 @@ class IpSockets:
         self.joined: dict[int, Interface] = {}
         self._groups: tuple[str, ...] = locators.MULTICAST_GROUPS[kind]
         self._multicast: socket.socket | None = None
+        self._bound_to = LOOPBACK[kind] if stays_local else ""
+        self._own: dict[str, socket.socket] = {}  # sockets that send to one address alone
         self._unicast = self._socket()
         self._data = self._socket()
         try:
             # Without SO_REUSEADDR: a port of another participant must not be shared.
             for sock, number in ((self._unicast, port), (self._data, data_port)):
-                sock.bind((LOOPBACK[kind] if stays_local else "", number))
+                sock.bind((self._bound_to, number))
         except OSError:
             self.close()
             raise
@@ -189,15 +197,63 @@ class IpSockets:
             raise fault
 
     def _sendto(self, datagram: bytes, place: Locator) -> None:
-        if self.kind == UDPV4:
-            self._unicast.sendto(datagram, (place.address, place.port))
-        else:
-            self._unicast.sendto(datagram, (place.host, place.port, 0, place.scope))
+        to = _sockaddr(place, place.port)
+        own = self._own.get(place.address)
+        if own is not None:
+            try:
+                own.sendto(datagram, to)
+                return
+            except BlockingIOError:
+                raise
+            except OSError:  # our address towards that one is no longer ours
+                self._own.pop(place.address).close()
+        try:
+            self._unicast.sendto(datagram, to)
+        except BlockingIOError:
+            if place.is_multicast:
+                raise
+            self._open_own(place).sendto(datagram, to)
+
+    def _open_own(self, place: Locator) -> socket.socket:
+        """Open a socket that sends to one address, from the same port as all others.
+
+        Firewalls and translations of addresses know that port. It is connected, and so receives
+        nothing but what that address sends from the discard port.
+
+        Raises:
+            BlockingIOError: There is none; the caller waits for room in the common buffer.
+        """
+        try:
+            sock = self._socket()
+        except OSError as error:
+            raise BlockingIOError(error.errno, error.strerror) from error
+        try:
+            _enlarge(sock, socket.SO_SNDBUF, _SEND_BUFFER)
+            # The port may be shared at this moment alone: all others must have the option for that.
+            for each in (self._unicast, sock):
+                each.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            sock.bind((self._bound_to, self.port))
+            sock.connect(_sockaddr(place, _DISCARD))
+        except OSError as error:
+            sock.close()
+            raise BlockingIOError(error.errno, error.strerror) from error
+        finally:
+            self._unicast.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 0)
+        if len(self._own) >= _MAX_OWN:
+            self._own.pop(next(iter(self._own))).close()
+        self._own[place.address] = sock
+        return sock
 
     def close(self) -> None:
         """Close the sockets; idempotent."""
-        for sock in self.sockets:
+        for sock in (*self.sockets, *self._own.values()):
             sock.close()
+        self._own.clear()
+
+
+def _sockaddr(place: Locator, port: int) -> tuple[str, int] | tuple[str, int, int, int]:
+    """The address of a place in the form of its version of IP, with a port."""
+    return (place.address, port) if place.kind == UDPV4 else (place.host, port, 0, place.scope)
 
 
 def _interface_ipv4(interface: Interface) -> bytes:

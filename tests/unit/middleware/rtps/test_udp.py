@@ -325,14 +325,6 @@ def test_an_address_that_no_interface_reaches_is_told_once(opened, own_domain_id
     assert sockets.take_unreachable() == {"10.0.0.9"} and not sockets.take_unreachable()
 
 
-def test_a_full_send_buffer_is_no_loss(opened, own_domain_id):
-    sockets = opened(own_domain_id)
-    sockets._sockets[UDPV4]._unicast.close()
-    sockets._sockets[UDPV4]._unicast = Faulty(BlockingIOError(errno.EAGAIN, "full"))
-    assert not sockets.send(b"x", Locator(UDPV4, 7410, "127.0.0.1"))
-    assert not sockets.send_errors
-
-
 def test_buffers_are_as_large_as_the_system_allows(opened, own_domain_id):
     sock = opened(own_domain_id)._sockets[UDPV4].sockets[0]
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
@@ -354,3 +346,110 @@ def test_a_machine_without_ipv6_is_named(opened, own_domain_id, monkeypatch):
     settings = NetworkSettings(kinds=(UDPV4, UDPV6), stays_local=True, multicast=False)
     with pytest.raises(MiddlewareError, match="has no IPv6.*turn it on"):
         opened(own_domain_id, settings)
+
+
+# --- a host that does not take what it is sent ----------------------------------------------------
+
+
+class Full:
+    """A socket without room for datagrams."""
+
+    def __init__(self, sock):
+        self._sock = sock
+
+    def __getattr__(self, name):
+        return getattr(self._sock, name)
+
+    def sendto(self, datagram, to):
+        raise BlockingIOError(errno.EAGAIN, "full")
+
+
+def full(sockets):
+    """The sockets of IPv4, whose common buffer is full."""
+    each = sockets._sockets[UDPV4]
+    each._unicast = Full(each._unicast)
+    return each
+
+
+class Listener:
+    """A host on loopback with an address of its own."""
+
+    def __init__(self, address):
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.bind((address, 0))
+        self.socket.settimeout(5.0)
+        self.place = Locator(UDPV4, self.socket.getsockname()[1], address)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.socket.close()
+
+
+def test_hosts_do_not_wait_for_one_that_has_filled_the_buffer(opened, own_domain_id):
+    sockets = opened(own_domain_id)
+    each = full(sockets)
+    with Listener("127.0.0.2") as slow, Listener("127.0.0.3") as healthy:
+        assert sockets.send(b"one", slow.place) and sockets.send(b"two", healthy.place)
+        each._own[slow.place.address] = Full(each._own[slow.place.address])
+        assert not sockets.send(b"three", slow.place)
+        assert sockets.send(b"four", healthy.place)
+        assert [healthy.socket.recv(9) for _ in range(2)] == [b"two", b"four"]
+        assert slow.socket.recv(9) == b"one"
+
+
+def test_a_buffer_of_its_own_sends_from_our_port_and_receives_nothing(opened, own_domain_id):
+    sockets = opened(own_domain_id)
+    full(sockets)
+    port = port_of(own_domain_id, 0)
+    with Listener("127.0.0.2") as host:
+        assert sockets.send(b"out", host.place)
+        _, source = host.socket.recvfrom(9)
+        assert source[1] == port
+        host.socket.sendto(b"back", source)
+        assert received(sockets) == [(b"back", "127.0.0.2")]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        with pytest.raises(OSError, match="in use"):
+            other.bind(("127.0.0.1", port))
+
+
+def test_buffers_of_hosts_are_limited(opened, own_domain_id, monkeypatch):
+    monkeypatch.setattr(ip_sockets, "_MAX_OWN", 2)
+    sockets = opened(own_domain_id)
+    each = full(sockets)
+    for number in range(2, 6):
+        with Listener(f"127.0.0.{number}") as host:
+            assert sockets.send(b"x", host.place) and host.socket.recv(9) == b"x"
+    assert list(each._own) == ["127.0.0.4", "127.0.0.5"]
+    gone = list(each._own.values())
+    sockets.close()
+    assert [sock.fileno() for sock in gone] == [-1, -1]
+
+
+def test_a_buffer_whose_address_of_ours_is_gone_is_left(opened, own_domain_id):
+    sockets = opened(own_domain_id)
+    common = sockets._sockets[UDPV4]._unicast
+    each = full(sockets)
+    with Listener("127.0.0.2") as host:
+        assert sockets.send(b"one", host.place)
+        each._own["127.0.0.2"].close()  # an error other than of a full buffer
+        each._unicast = common
+        assert sockets.send(b"two", host.place) and not sockets.send_errors
+        assert [host.socket.recv(9) for _ in range(2)] == [b"one", b"two"]
+    assert not each._own
+
+
+def test_datagrams_wait_where_no_further_socket_can_be_opened(opened, own_domain_id, monkeypatch):
+    """Nothing is lost for us then; those to a group wait, too."""
+    sockets = opened(own_domain_id, NetworkSettings(stays_local=True))
+    each = full(sockets)
+
+    def none(*_):
+        raise OSError(errno.EMFILE, "no descriptor is free")
+
+    monkeypatch.setattr(ip_sockets.socket, "socket", none)
+    assert not sockets.send(b"x", Locator(UDPV4, 9, "127.0.0.2"))
+    assert not sockets.send(b"x", sockets.multicast[0])
+    assert not each._own and not sockets.send_errors
