@@ -15,6 +15,8 @@ Cyclone, which is C, so that little of a figure is theirs.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
+from functools import partial
 
 from load import DRIVES, Board, Pacer, paced_send, round_trips, text, until_answered
 from process import (
@@ -75,12 +77,16 @@ class Contestant:
         }
         for sock, datagram in self.ways.values():
             until_answered(sock, datagram, 2)
-        counted = Board(port, 0x1002, f"rt/board_{number}")
-        self.counted = counted.sock, counted.sample(SAMPLE)
+        self._counted = Board(port, 0x1002, f"rt/board_{number}")
+        self._sample = self._counted.sample(SAMPLE)
 
     def send(self, count: int, rate: float, drive: float) -> None:
-        sock, datagram = self.counted
-        paced_send(sock, datagram, 2, count, rate, drive)
+        """Send samples that are counted, best effort."""
+        paced_send(self._counted.sock, self._sample, 2, count, rate, drive)
+
+    def send_reliable(self, count: int, rate: float) -> None:
+        """Send samples that are counted, evenly, and wait until the agent has them all."""
+        self._counted.send_reliable(count, rate, SAMPLE)
 
 
 class Comparison:
@@ -136,15 +142,30 @@ def bench_cpu(
     comparison: Comparison, contestants: list[Contestant], other: Process, seconds: float
 ) -> None:
     """The agent's CPU for a message that another process receives."""
+
+    def sending(one: Contestant, send: Callable[[], None]) -> tuple[float, int]:
+        """The CPU in µs, and how many samples arrive."""
+        before = one.process.cpu()
+        send()
+        received = settled(other)
+        return (one.process.cpu() - before) * 1e6, received
+
     for rate, drive in LOADS:
         count = int(rate * seconds)
         for one in contestants:
-            before = one.process.cpu()
-            one.send(count, rate, DRIVES[drive])
-            lost = count - settled(other)
-            cpu = (one.process.cpu() - before) / count * 1e6
-            comparison.note(f"CPU µs/msg at {rate}/s, {drive}", one.name, cpu)
-            comparison.note(f"  lost at {rate}/s, {drive}, %", one.name, 100 * lost / count)
+            cpu, received = sending(one, partial(one.send, count, rate, DRIVES[drive]))
+            comparison.note(f"CPU µs/msg at {rate}/s, {drive}", one.name, cpu / count)
+            lost = 100 * (count - received) / count
+            comparison.note(f"  lost at {rate}/s, {drive}, %", one.name, lost)
+    count = int(5000 * seconds)
+    for one in contestants:
+        cpu, _ = sending(one, partial(one.send_reliable, count, 5000))
+        comparison.note("reliable: CPU µs/msg at 5000/s, even", one.name, cpu / count)
+    count = int(100_000 * seconds)
+    for one in contestants:
+        cpu, received = sending(one, partial(one.send, count, 0, 0))
+        comparison.note(f"received of {count} at full speed", one.name, received)
+        comparison.note("CPU µs/msg received, at full speed", one.name, cpu / received)
 
 
 def bench_running(comparison: Comparison, turns: int, count: int, seconds: float) -> None:
@@ -197,7 +218,7 @@ def main() -> None:
     if "ros2" in names and not ROS_PYTHON.exists():
         print(f"  without ros2: {NO_ROS}")
         names.remove("ros2")
-    starts, turns, count, seconds = (1, 1, 500, 0.5) if parsed.quick else (3, 3, 1000, 1.0)
+    starts, turns, count, seconds = (1, 1, 500, 0.5) if parsed.quick else (3, 2, 1500, 1.0)
     comparison = Comparison(names)
     for _ in range(starts):
         bench_running(comparison, turns, count, seconds)
