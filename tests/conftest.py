@@ -15,8 +15,11 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from support import cyclone_tests
 from support.examples import SCALE
 from support.long_tests import LONG
+
+from uros.middleware.cyclone_package import has_wheel
 
 # No deadline: the duration of an example depends on the machine. --hypothesis-profile chooses
 # another profile; tests/support/examples.py scales tests with a number of examples of their own.
@@ -48,12 +51,31 @@ os.environ["XDG_RUNTIME_DIR"] = tempfile.mkdtemp(prefix="uros-run-")
 atexit.register(shutil.rmtree, os.environ["XDG_RUNTIME_DIR"], ignore_errors=True)
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests that `make quick` leaves out."""
-    long_files = {ROOT / "tests" / "unit" / path for path in LONG}
+HAS_CYCLONE = has_wheel()
+UNIT = ROOT / "tests" / "unit"
+
+
+def pytest_report_header() -> str | None:
+    """Say that tests are left out."""
+    return None if HAS_CYCLONE else "no wheel of cyclonedds: the tests that need it are left out"
+
+
+def pytest_ignore_collect(collection_path: Path) -> bool | None:
+    """Leave out the files that need cyclonedds where it has no wheel."""
+    left_out = {UNIT / path for path in cyclone_tests.FILES}
+    return None if HAS_CYCLONE or collection_path not in left_out else True
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Mark the tests that `make quick` leaves out, and leave out those that need cyclonedds."""
+    long_files = {UNIT / path for path in LONG}
     for item in items:
         if item.path in long_files:
             item.add_marker("long")
+    left_out = [] if HAS_CYCLONE else [one for one in items if one.get_closest_marker("cyclone")]
+    if left_out:
+        config.hook.pytest_deselected(items=left_out)
+        items[:] = [item for item in items if item not in set(left_out)]
 
 
 @contextmanager

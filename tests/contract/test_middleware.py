@@ -288,6 +288,52 @@ def test_take_returns_at_most_the_limit_oldest_first(network):
     assert inbox.reader.take(2) == []
 
 
+def test_samples_have_the_time_of_writing(network):
+    """By the writer's clock; 0 on a middleware that does not know."""
+    node = network.node()
+    inbox = Inbox(node, "rt/chatter", limit=0)
+    writer = network.peer.create_writer("rt/chatter", TYPE, QoSProfile())
+    before = time.time_ns()
+    writer.write(cdr("abcd"))
+    after = time.time_ns()
+    network.until(lambda: inbox.calls)
+    ((sample, source_ns),) = inbox.reader.take_stamped(10)
+    assert sample == cdr("abcd") + bytes(3) or sample == cdr("abcd")
+    if network.middleware.name in ("dds", "rtps", "auto"):
+        # On the wire a second has 2**32 parts.
+        assert before - 1 <= source_ns <= after
+    else:
+        assert source_ns == 0
+
+
+def test_the_graph_tells_of_changes_at_once_or_with_pauses(network):
+    node = network.plain_node("node")
+    calls = []
+    graphs = [
+        network.middleware.graph(network.domain, lambda: calls.append(True), paced=False),
+        network.middleware.graph(network.domain, lambda: None, paced=True),
+    ]
+    if network.middleware.name not in ("dds", "rtps", "auto"):
+        assert graphs == [None, None]
+        return
+    topics = ["rt/a", "rt/b", "rt/c"]
+    for topic in topics:
+        calls.clear()
+        node.create_writer(topic, TYPE, QoSProfile())
+        network.until(lambda: calls)
+    for graph in graphs:
+        network.until(
+            lambda graph=graph: {*topics} <= {one.topic for one in graph.endpoints.values()}
+        )
+        graph.reread_discovery_info()
+        graph.close()
+        graph.close()
+    calls.clear()
+    node.create_writer("rt/d", TYPE, QoSProfile())
+    network.settle(network.node("later"))
+    assert not calls
+
+
 def test_keep_last_keeps_the_newest(network):
     node = network.node()
     inbox = Inbox(node, "rt/chatter", qos=QoSProfile(depth=3), limit=0)

@@ -43,6 +43,7 @@ LONG = (
     "tools/test_demo.py",
     "tools/test_fleet.py",
     "tools/test_printed.py",
+    "tools/test_without_cyclone.py",
     "tools/topic/test_pub.py",
     "transport/test_modems.py",
     "wire/test_hostile.py",

@@ -91,15 +91,16 @@ class Graph:
 
     def servers(self, service: str) -> list[EndpointInfo]:
         """Return the request readers of a service in participants that write its replies, too."""
+        endpoints = self._source.endpoints
         answering = {
             endpoint.participant
-            for endpoint in self._source.endpoints.values()
+            for endpoint in endpoints.values()
             if endpoint.is_writer and names.service_from_reply(printable(endpoint.topic)) == service
         }
         return [
             reader
             for reader in self._dds_endpoints(f"rq{service}Request", False)
-            if self._source.endpoints[reader.gid].participant in answering
+            if endpoints[reader.gid].participant in answering
         ]
 
     def _endpoints(self, topic: str, is_writer: bool) -> list[EndpointInfo]:
@@ -111,11 +112,12 @@ class Graph:
             for node in living_nodes(self._source)
             for gid in (node.writers if is_writer else node.readers)
         }
+        announced = self._source.announced
         endpoints = []
         for endpoint in self._source.endpoints.values():
             if endpoint.is_writer != is_writer or printable(endpoint.topic) != dds_name:
                 continue
-            ros = endpoint.participant in self._source.announced
+            ros = endpoint.participant in announced
             namespace, name = owners.get(endpoint.guid, UNKNOWN_NODE if ros else BARE_DDS)
             endpoints.append(
                 EndpointInfo(

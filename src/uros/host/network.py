@@ -14,6 +14,13 @@ from typing import Final, NamedTuple
 
 from .. import names
 from ..middleware import open_middleware
+from ..middleware.base import MiddlewareError
+from ..middleware.graph import (
+    undiscovered_endpoints,
+    with_missed_discovery_info,
+    without_discovery_info,
+    without_endpoints,
+)
 from ..qos import QoSProfile
 from .graph_queries import Graph
 from .interrupt import Interrupt
@@ -31,7 +38,10 @@ _BATCH: Final = 64
 
 
 class Received(NamedTuple):
-    """A sample with its encapsulation header, and the times of writing and taking (Unix ns)."""
+    """A sample with its encapsulation header, and the times of writing and taking (Unix ns).
+
+    The time of writing is 0 where its writer does not give it.
+    """
 
     cdr: bytes
     source_ns: int
@@ -43,27 +53,29 @@ class Network:
 
     Close it, or use ``with``.
 
+    Args:
+        domain: The domain.
+        middleware: What :func:`uros.middleware.open_middleware` calls it.
+
     Raises:
-        MiddlewareError: The domain cannot be joined.
+        MiddlewareError: The domain cannot be joined, or the middleware does not know its graph.
     """
 
-    def __init__(self, domain: int) -> None:
-        # Imported here, since importing this module must not load a DDS.
-        opened = open_middleware("auto")
-        from ..middleware.auto import AutoMiddleware
-        from ..middleware.dds.discovery import GraphDiscovery
-
-        assert isinstance(opened, AutoMiddleware)
+    def __init__(self, domain: int, middleware: str = "auto") -> None:
+        opened = open_middleware(middleware)
         self.domain = domain
         self._middleware = opened
         self._interrupt = Interrupt()
         self._samples: deque[tuple[Callable[[Received], None], Received]] = deque()
+        # What takes the rest of the samples of a reader that had more than a batch.
+        self._unread: dict[Callable[[], None], None] = {}
         try:
             self.node = opened.create_node(domain, "/", f"_uros_{os.getpid()}")
             self._changed_at = time.monotonic()
-            self._discovery = GraphDiscovery(
-                opened.dds.context, self.node.dds.participant, self._on_change
-            )
+            discovery = opened.graph(domain, self._on_change, paced=False)
+            if discovery is None:
+                raise MiddlewareError(f"the {middleware} middleware does not know its graph")
+            self._discovery = discovery
         except BaseException:
             opened.close()
             raise
@@ -94,18 +106,14 @@ class Network:
         Raises:
             MiddlewareError: The subscription cannot be created.
         """
-        from ..middleware.dds import cyclone
-
         ended = False
 
         def on_ready() -> None:
-            reader.taken = True
-            samples = cyclone.take(reader.entity, _BATCH)
-            for cdr, info in samples:
-                received = Received(cdr, info.source_timestamp, time.time_ns())
-                self._samples.append((deliver, received))
+            samples = reader.take_stamped(_BATCH)
+            for cdr, source_ns in samples:
+                self._samples.append((deliver, Received(cdr, source_ns, time.time_ns())))
             if len(samples) == _BATCH:  # deliver these samples first
-                self._middleware.dds.context.dispatcher.requeue(reader)
+                self._unread[on_ready] = None
 
         def deliver(received: Received) -> None:
             if not ended:
@@ -144,6 +152,9 @@ class Network:
                 now = time.monotonic()
                 if end is not None and now >= end:
                     return False
+                if self._unread:
+                    self._work(0.0)
+                    continue
                 due = [at for at in (end, self._middleware.next_deadline()) if at is not None]
                 self._work(max(0.0, min(due) - now) if due else None)
 
@@ -153,6 +164,9 @@ class Network:
         try:
             if self._interrupt.wait(self._middleware.fileno(), seconds):
                 self._middleware.dispatch()
+            unread, self._unread = self._unread, {}
+            for take in unread:
+                take()
             self._middleware.tick()
         finally:
             self._interrupt.release()
@@ -167,7 +181,7 @@ class Network:
         requested: set[bytes] = set()
         while (now := time.monotonic()) < end:
             check_at = end
-            missing = self._discovery.with_missed_discovery_info() - requested
+            missing = with_missed_discovery_info(self._discovery) - requested
             if missing:
                 check_at = self._changed_at + _ASK_AGAIN
                 if now >= check_at:
@@ -175,9 +189,9 @@ class Network:
                     self._discovery.reread_discovery_info()
                     continue
             elif not (
-                self._discovery.without_discovery_info() or self._discovery.undiscovered_endpoints()
+                without_discovery_info(self._discovery) or undiscovered_endpoints(self._discovery)
             ):
-                slow = self.alone or self._discovery.without_endpoints()
+                slow = self.alone or without_endpoints(self._discovery)
                 check_at = self._changed_at + (_SLOW if slow else _QUIET)
                 if now >= check_at:
                     return

@@ -14,7 +14,8 @@ each lives in a module or package of its own that is imported only when asked fo
 ``dds``               Nodes in the ROS 2 network by Cyclone DDS, without an installed ROS.
 ``rtps``              Nodes in the ROS 2 network by DDSI-RTPS in Python, without a DDS library.
 ``ros2``              Nodes in the ROS 2 network by rclpy, on any RMW.
-``auto``              The agent's default: topics over ``dds``, services over ``rtps``.
+``auto``              The default: topics on ``dds``, services on ``rtps``; or all on ``rtps``.
+``cyclone_package``   Whether Cyclone can be used here, and what to do where it cannot.
 ``services``          What the middlewares share for services.
 ``discovery_info``    The ``ros_discovery_info`` topic: its format, its limits and its Gid size.
 ``sample_queue``      Samples that wait in a reader.
@@ -44,17 +45,14 @@ if TYPE_CHECKING:
 NAMES = {
     "memory": ("uros.middleware.memory", ""),
     "ced": ("uros.middleware.ced", ""),
-    "dds": ("uros.middleware.dds", "python -m pip install cyclonedds"),
+    "dds": ("uros.middleware.dds", ""),
     "rtps": ("uros.middleware.rtps", ""),
     "ros2": (
         "uros.middleware.ros2",
         "source /opt/ros/<distro>/setup.bash and start with the Python of that distribution, or,"
         " on Python 3.11: python -m pip install ros-kilted-rclpy ros-kilted-rmw-fastrtps-cpp",
     ),
-    "auto": (
-        "uros.middleware.auto",
-        "python -m pip install cyclonedds, or start the agent with -m rtps, which needs nothing",
-    ),
+    "auto": ("uros.middleware.auto", ""),
 }
 
 
@@ -66,7 +64,7 @@ def open_middleware(name: str) -> Middleware:
         MiddlewareError: It cannot run here, or the environment demands security, which no
             middleware has (see :mod:`.security`).
     """
-    from . import foreign_settings, security
+    from . import cyclone_package, foreign_settings, security
     from .base import MiddlewareError
 
     if name not in NAMES:
@@ -78,5 +76,7 @@ def open_middleware(name: str) -> Middleware:
         opened: Middleware = import_module(module).create()
     except ImportError as error:
         missing = error.name or f"what it cannot load ({error})"
+        if name == "dds":
+            remedy = cyclone_package.remedy()
         raise MiddlewareError(f"the {name} middleware needs {missing}: {remedy}") from error
     return opened

@@ -1,4 +1,4 @@
-"""The agent's default middleware: topics over dds, services over rtps.
+"""The default middleware: topics over dds, services over rtps; without Cyclone all over rtps.
 
 Cyclone is the faster one for topics. It cannot write the inline QoS in which rmw_fastrtps expects
 the identity of a request, so services use :mod:`.rtps`, which serves the RMWs of all peers. That is
@@ -7,6 +7,8 @@ opened for the first service, so that an agent whose boards have none does not p
 In the ROS graph a board is one node: the entry of the dds node in ``ros_discovery_info`` lists the
 service endpoints too. Readers of the graph find endpoints by GUID, whichever participant they
 belong to, and the participant of rtps announces no nodes.
+
+Where this Python has no Cyclone, :func:`create` returns the rtps middleware itself.
 """
 
 from __future__ import annotations
@@ -26,10 +28,11 @@ from .base import (
     Service,
     Writer,
 )
-from .dds.middleware import DdsMiddleware
+from .cyclone_package import why_missing
 
 if TYPE_CHECKING:
     from .dds.endpoints import DdsReader
+    from .dds.middleware import DdsMiddleware
     from .graph import LiveSource
     from .rtps.middleware import RtpsMiddleware
     from .rtps.node import RtpsNode
@@ -96,13 +99,16 @@ class AutoMiddleware(Middleware):
 
     Attributes:
         dds: What carries the topics.
+
+    Args:
+        dds: The same; it is closed with this middleware.
     """
 
     name = "auto"
 
-    def __init__(self) -> None:
+    def __init__(self, dds: DdsMiddleware) -> None:
         super().__init__()
-        self.dds = DdsMiddleware()
+        self.dds = dds
         self._rtps: RtpsMiddleware | None = None
         self._rtps_was_tried = False
         # Both have a descriptor of their own; a selector that has one makes one of them.
@@ -168,10 +174,12 @@ class AutoMiddleware(Middleware):
         if self._rtps is not None:
             self._rtps.flush()
 
-    def graph(self, domain: int, on_change: Callable[[], None]) -> LiveSource | None:
+    def graph(
+        self, domain: int, on_change: Callable[[], None], paced: bool = True
+    ) -> LiveSource | None:
         """Watch the graph of a domain by dds."""
         self._configure(self.dds)
-        return self.dds.graph(domain, on_change)
+        return self.dds.graph(domain, on_change, paced)
 
     def next_deadline(self) -> float | None:
         """Return when :meth:`tick` has work (``time.monotonic``), or None."""
@@ -194,6 +202,17 @@ class AutoMiddleware(Middleware):
         self.dds.close()
 
 
-def create() -> AutoMiddleware:
-    """Return a middleware configured by this process's environment."""
-    return AutoMiddleware()
+def create() -> AutoMiddleware | RtpsMiddleware:
+    """Return a middleware configured by this process's environment.
+
+    Raises:
+        MiddlewareError: As of :class:`.dds.middleware.DdsMiddleware` or
+            :class:`.rtps.middleware.RtpsMiddleware`.
+    """
+    if why_missing():
+        from .rtps.middleware import RtpsMiddleware
+
+        return RtpsMiddleware()
+    from .dds.middleware import DdsMiddleware
+
+    return AutoMiddleware(DdsMiddleware())

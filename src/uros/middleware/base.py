@@ -86,6 +86,10 @@ class Reader(ABC):
     def take(self, limit: int) -> list[bytes]:
         """Take at most ``limit`` samples out of the reader, oldest first."""
 
+    def take_stamped(self, limit: int) -> list[tuple[bytes, int]]:
+        """Take samples as :meth:`take` does, each with its source time (Unix ns), 0 if unknown."""
+        return [(sample, 0) for sample in self.take(limit)]
+
     def arrived(self, limit: int) -> list[int]:
         """Return the octets of the samples that have arrived since the last call and wait here.
 
@@ -281,11 +285,16 @@ class Middleware(ABC):
         The data plane calls it after each burst of writes.
         """
 
-    def graph(self, domain: int, on_change: Callable[[], None]) -> LiveSource | None:
+    def graph(
+        self, domain: int, on_change: Callable[[], None], paced: bool = True
+    ) -> LiveSource | None:
         """Watch the graph of a domain until the result is closed.
 
-        ``on_change`` is called from :meth:`tick` or :meth:`dispatch` after changes, with pauses
-        that leave room for other traffic.
+        Args:
+            domain: The domain.
+            on_change: Called after changes, from :meth:`tick`, :meth:`dispatch` and, without
+                pauses, also from what changes the graph.
+            paced: Whether there are pauses between the calls, which leave room for other traffic.
 
         Returns:
             None if this middleware does not know the graph.

@@ -10,6 +10,8 @@ from collections.abc import Iterable, Mapping
 from typing import Protocol
 
 from ..qos import QoSProfile
+from . import user_data
+from .discovery_info import codec
 
 
 class EndpointSource(Protocol):
@@ -68,6 +70,9 @@ class Source(Protocol):
 class LiveSource(Source, Protocol):
     """A source that keeps itself up to date until it is closed."""
 
+    def reread_discovery_info(self) -> None:
+        """Get the nodes of :func:`with_missed_discovery_info` again."""
+
     def close(self) -> None:
         """Stop watching; idempotent."""
 
@@ -81,3 +86,44 @@ def living_nodes(source: Source) -> list[NodeSource]:
         if participant in alive
         for node in announced
     ]
+
+
+def without_discovery_info(source: Source) -> set[bytes]:
+    """Return the ROS participants (they have an enclave) whose nodes are not known yet."""
+    announced = source.announced
+    return {
+        guid
+        for guid, data in source.participants.items()
+        if user_data.ENCLAVE in data and guid not in announced
+    }
+
+
+def with_missed_discovery_info(source: Source) -> set[bytes]:
+    """Return those of them that have a writer of ``ros_discovery_info`` already.
+
+    If the sample does not come, :meth:`LiveSource.reread_discovery_info` gets it.
+    """
+    writing = {
+        endpoint.participant
+        for endpoint in source.endpoints.values()
+        if endpoint.is_writer and endpoint.topic == codec.TOPIC
+    }
+    return without_discovery_info(source) & writing
+
+
+def undiscovered_endpoints(source: Source) -> set[bytes]:
+    """Return the endpoints that nodes list and that were not discovered yet."""
+    endpoints = source.endpoints
+    return {
+        gid
+        for node in living_nodes(source)
+        for gid in (*node.readers, *node.writers)
+        if gid not in endpoints
+    }
+
+
+def without_endpoints(source: Source) -> set[bytes]:
+    """Return the participants without any discovered endpoint."""
+    return source.participants.keys() - {
+        endpoint.participant for endpoint in source.endpoints.values()
+    }

@@ -203,14 +203,14 @@ def service_name(text: str) -> str:
 # --- the network ------------------------------------------------------------------
 
 
-def join(args: argparse.Namespace) -> Network:
+def join(args: argparse.Namespace, middleware: str = "auto") -> Network:
     """Apply ``--interfaces`` and join the domain. Nothing is discovered yet."""
     from ..host.network import Network
     from ..middleware.environment import environment_domain
 
     number = args.domain if args.domain is not None else environment_domain()
     know_interfaces(args)
-    return Network(number)
+    return Network(number, middleware)
 
 
 def discover(network: Network, args: argparse.Namespace) -> None:

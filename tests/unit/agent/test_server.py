@@ -297,6 +297,7 @@ def test_a_hostile_client_cannot_make_a_turn_long(server):
         assert server.call(time.thread_time) - before < 0.5
 
 
+@pytest.mark.cyclone
 def test_a_type_that_differs_on_dds_is_a_warning_with_both_types(own_domain_id):
     other_type = TYPE.replace("UInt8", "Int8")
     with running_agent("udp", "dds", own_domain_id) as agent:

@@ -314,7 +314,7 @@ def test_keep_all_delivers_every_sample(node, peer):
 
 
 def test_a_depth_of_zero_is_one(own_domain_id):
-    node = Node("node", Direct(open_middleware("dds"), own_domain_id))
+    node = Node("node", Direct(open_middleware("auto"), own_domain_id))
     messages = []
     node.create_subscription(Int32, "/x", messages.append, 0)
     assert node.create_publisher(Int32, "/x").publish(Int32(data=1))
@@ -388,7 +388,7 @@ class Selects:
         return select.select(*arguments)
 
 
-@pytest.mark.parametrize("kind", ["memory", "dds"])
+@pytest.mark.parametrize("kind", ["memory", pytest.param("dds", marks=pytest.mark.cyclone)])
 def test_a_sample_wakes_the_node_which_does_not_poll(monkeypatch, own_domain_id, bus, kind):
     def middleware():
         return MemoryMiddleware(bus) if kind == "memory" else open_middleware("dds")

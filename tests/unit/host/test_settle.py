@@ -5,6 +5,11 @@ import pytest
 from uros.host.network import Network
 from uros.middleware.dds import cyclone
 from uros.middleware.discovery_info import codec
+from uros.middleware.graph import (
+    undiscovered_endpoints,
+    with_missed_discovery_info,
+    without_discovery_info,
+)
 from uros.qos import QoSProfile
 
 
@@ -34,12 +39,12 @@ def announce(entity, writer, writers):
 
 def test_a_ros_participant_without_discovery_info_is_waited_for(network, other):
     network.settle(0.3)
-    assert network._discovery.without_discovery_info() == {cyclone.guid(other)}
+    assert without_discovery_info(network._discovery) == {cyclone.guid(other)}
     writer = info_writer(other)
-    assert network.spin(network._discovery.with_missed_discovery_info, 10)
+    assert network.spin(lambda: with_missed_discovery_info(network._discovery), 10)
     announce(other, writer, [])
     network.settle()
-    assert not network._discovery.without_discovery_info()
+    assert not without_discovery_info(network._discovery)
     assert "/other" in network.graph.nodes()
 
 
@@ -59,10 +64,10 @@ def test_endpoints_that_are_announced_are_waited_for(network, other):
     writer = info_writer(other)
     announce(other, writer, [gid, ghost])
     network.settle(1.0)
-    assert network._discovery.undiscovered_endpoints() == {ghost}
+    assert undiscovered_endpoints(network._discovery) == {ghost}
     announce(other, writer, [gid])
     network.settle()
-    assert not network._discovery.undiscovered_endpoints()
+    assert not undiscovered_endpoints(network._discovery)
     assert network.graph.node("/other").publishers == {"/x": ["std_msgs/msg/String"]}
 
 

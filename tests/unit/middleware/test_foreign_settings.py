@@ -23,7 +23,9 @@ def warnings(caplog, middleware):
     return [record.getMessage() for record in caplog.records]
 
 
-@pytest.mark.parametrize("middleware", ["auto", "dds", "rtps"])
+@pytest.mark.parametrize(
+    "middleware", ["auto", pytest.param("dds", marks=pytest.mark.cyclone), "rtps"]
+)
 @pytest.mark.parametrize(
     ("name", "remedy"),
     [(SERVER, "ROS_STATIC_PEERS"), (PROFILES, "--refs"), (NEWER_PROFILES, "--refs")],

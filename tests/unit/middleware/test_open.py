@@ -5,11 +5,19 @@ import sys
 
 import pytest
 
-from uros.middleware import NAMES, open_middleware
+from uros.middleware import NAMES, cyclone_package, open_middleware
 from uros.middleware.base import MiddlewareError
 
+CYCLONES = {"auto", "dds"}
 
-@pytest.mark.parametrize("name", sorted(NAMES.keys() - {"ros2"}))
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *sorted(NAMES.keys() - {"ros2"} - CYCLONES),
+        *(pytest.param(name, marks=pytest.mark.cyclone) for name in sorted(CYCLONES)),
+    ],
+)
 def test_every_name_opens_a_middleware_that_knows_its_name(name):
     middleware = open_middleware(name)
     assert middleware.name == name
@@ -22,12 +30,30 @@ def test_an_unknown_name_is_refused_with_the_list_of_names():
         open_middleware("dss")
 
 
-def test_without_cyclone_the_error_says_what_to_install(monkeypatch):
+@pytest.fixture
+def no_cyclone(monkeypatch):
     for name in [name for name in sys.modules if name.startswith("uros.middleware.dds")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "cyclonedds", None)
-    with pytest.raises(MiddlewareError, match="needs cyclonedds: python -m pip install cyclonedds"):
+
+
+@pytest.mark.parametrize(
+    ("has_wheel", "words"),
+    [(True, r"python -m pip install 'cyclonedds.*or use -m rtps"), (False, "PyPI has no wheel")],
+)
+def test_without_cyclone_the_error_of_dds_says_what_to_do(
+    no_cyclone, monkeypatch, has_wheel, words
+):
+    monkeypatch.setattr(cyclone_package, "has_wheel", lambda: has_wheel)
+    with pytest.raises(MiddlewareError, match="needs cyclonedds: " + words) as caught:
         open_middleware("dds")
+    assert ("pip install" in str(caught.value)) == has_wheel
+
+
+def test_without_cyclone_auto_is_rtps(no_cyclone):
+    middleware = open_middleware("auto")
+    assert middleware.name == "rtps"
+    middleware.close()
 
 
 def test_without_rclpy_the_error_says_what_to_source_or_install(monkeypatch):

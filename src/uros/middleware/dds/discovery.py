@@ -152,43 +152,6 @@ class GraphDiscovery(ParticipantDiscovery):
             (builtin.TOPIC_SUBSCRIPTION, self._take_readers),
         ]
 
-    def without_discovery_info(self) -> set[bytes]:
-        """Return the ROS participants (they have an enclave) whose nodes are not known yet."""
-        return {
-            guid
-            for guid, data in self.participants.items()
-            if user_data.ENCLAVE in data and guid not in self.announced
-        }
-
-    def with_missed_discovery_info(self) -> set[bytes]:
-        """Return those of them that have a writer of ``ros_discovery_info`` already.
-
-        If the sample does not come, :meth:`reread_discovery_info` gets it.
-        """
-        writing = {
-            endpoint.participant
-            for endpoint in self.endpoints.values()
-            if endpoint.is_writer and endpoint.topic == codec.TOPIC
-        }
-        return self.without_discovery_info() & writing
-
-    def undiscovered_endpoints(self) -> set[bytes]:
-        """Return the endpoints that nodes list and that were not discovered yet."""
-        return {
-            gid
-            for participant, nodes in self.announced.items()
-            if participant in self.participants
-            for node in nodes
-            for gid in (*node.readers, *node.writers)
-            if gid not in self.endpoints
-        }
-
-    def without_endpoints(self) -> set[bytes]:
-        """Return the participants without any discovered endpoint."""
-        return self.participants.keys() - {
-            endpoint.participant for endpoint in self.endpoints.values()
-        }
-
     def _take_writers(self, entity: int) -> int:
         return self._take_endpoints(entity, True)
 

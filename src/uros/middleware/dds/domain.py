@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from ..discovery_info.gid_size import GidSizeSelector
 from .context import DdsContext
-from .discovery import ParticipantDiscovery
+from .discovery import GraphDiscovery, ParticipantDiscovery
 from .late_writer_heartbeat import LateWriterHeartbeats
 from .paced_discovery import PacedDiscovery
 from .participant import MAX_NODES, SharedParticipant
@@ -51,9 +51,10 @@ class DdsDomain:
     def _first_participant(self) -> SharedParticipant:
         return self.participants[0] if self.participants else self.participant()
 
-    def graph(self, on_change: Callable[[], None]) -> PacedDiscovery:
+    def graph(self, on_change: Callable[[], None], paced: bool) -> GraphDiscovery:
         """Watch the graph until the result is closed."""
-        return PacedDiscovery(self._context, self._first_participant(), on_change)
+        kind = PacedDiscovery if paced else GraphDiscovery
+        return kind(self._context, self._first_participant(), on_change)
 
     def owns(self, participant: bytes) -> bool:
         """Return whether the participant of a GUID is one of ours."""

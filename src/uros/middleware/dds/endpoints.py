@@ -191,6 +191,10 @@ class DdsReader(TopicReader, Reader):
         """Take samples, oldest first."""
         return [sample for sample, _ in self._take(limit)]
 
+    def take_stamped(self, limit: int) -> list[tuple[bytes, int]]:
+        """Take samples with their source times (Unix ns)."""
+        return [(sample, info.source_timestamp) for sample, info in self._take(limit)]
+
     def _take(self, limit: int) -> list[tuple[bytes, Any]]:
         """Take samples with their SampleInfo."""
         self.taken = True

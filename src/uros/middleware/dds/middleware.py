@@ -13,9 +13,9 @@ from ..environment import discovery_range
 from ..wakeup_fd import WakeupFd
 from . import config, cyclone
 from .context import DdsContext
+from .discovery import GraphDiscovery
 from .domain import DdsDomain
 from .node import DdsNode
-from .paced_discovery import PacedDiscovery
 
 
 class DdsMiddleware(Middleware):
@@ -75,10 +75,12 @@ class DdsMiddleware(Middleware):
             domain = self._domains[number] = DdsDomain(self.context, number, gid_size)
         return domain
 
-    def graph(self, domain: int, on_change: Callable[[], None]) -> PacedDiscovery:
+    def graph(
+        self, domain: int, on_change: Callable[[], None], paced: bool = True
+    ) -> GraphDiscovery:
         """Watch the graph of a domain until the result is closed."""
         check_domain(domain)
-        return self._domain(domain).graph(on_change)
+        return self._domain(domain).graph(on_change, paced)
 
     def fileno(self) -> int:
         """Return the descriptor that is readable when :meth:`dispatch` has work."""

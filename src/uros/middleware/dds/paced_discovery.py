@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from ..graph import with_missed_discovery_info
 from ..paced_call import PacedCall
 from .context import DdsContext
 from .discovery import GraphDiscovery
@@ -27,7 +28,7 @@ class PacedDiscovery(GraphDiscovery):
 
     def _report(self) -> None:
         """Call ``on_change``, and read discovery info again if a sample was missed."""
-        missed = self.with_missed_discovery_info()
+        missed = with_missed_discovery_info(self)
         if missed - self._reread_for:
             self._reread_for = missed
             self.reread_discovery_info()

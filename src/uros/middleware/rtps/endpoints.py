@@ -117,7 +117,7 @@ class RtpsWriter(Writer):
             qos = None if related is None else InlineQos(related=related)
             received = Sample(
                 payload, self.guid, self.local.state.last, qos, False,
-                now + lifespan(self.local.data.qos),
+                now + lifespan(self.local.data.qos), wall,
             )  # fmt: skip
             for reader in to:
                 if not reader.is_full:
@@ -132,7 +132,15 @@ class RtpsWriter(Writer):
     def past(self) -> list[Sample]:
         """Return the samples that a late reader gets."""
         return [
-            Sample(change.payload, self.guid, change.number, None, False, change.expires)
+            Sample(
+                change.payload,
+                self.guid,
+                change.number,
+                None,
+                False,
+                change.expires,
+                change.time_ns or 0,
+            )  # fmt: skip
             for change in self.local.state.history(time.monotonic())
         ]
 
@@ -226,6 +234,14 @@ class RtpsReader(Reader):
     def take(self, limit: int) -> list[bytes]:
         """Take samples, oldest first."""
         return [sample.payload for sample in self.take_samples(limit) if sample.payload is not None]
+
+    def take_stamped(self, limit: int) -> list[tuple[bytes, int]]:
+        """Take samples with their source times (Unix ns), 0 if unknown."""
+        return [
+            (sample.payload, sample.source_ns)
+            for sample in self.take_samples(limit)
+            if sample.payload is not None
+        ]
 
     def arrived(self, limit: int) -> list[int]:
         """Return the octets of samples that have arrived and were not asked for before."""

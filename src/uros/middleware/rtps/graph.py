@@ -1,4 +1,4 @@
-"""The graph of a domain, with rate-limited changes."""
+"""The graph of a domain, with rate-limited changes for boards."""
 
 from __future__ import annotations
 
@@ -18,8 +18,9 @@ class RtpsGraph:
 
     Args:
         domain: The domain.
-        on_change: Called after changes, from ``paced.tick``.
+        on_change: Called after changes.
         on_close: Called when it is closed.
+        paced: Whether it is called from ``paced.tick`` alone; else at each change.
     """
 
     def __init__(
@@ -27,12 +28,15 @@ class RtpsGraph:
         domain: RtpsDomain,
         on_change: Callable[[], None],
         on_close: Callable[[RtpsGraph], None],
+        paced: bool,
     ) -> None:
         self.paced = PacedCall(on_change)
-        self.paced.changed()
+        if paced:
+            self.paced.changed()
         self._domain = domain
         self._on_close = on_close
-        domain.watchers.append(self.paced.changed)
+        self._watcher = self.paced.changed if paced else on_change
+        domain.watchers.append(self._watcher)
 
     @property
     def participants(self) -> Mapping[bytes, bytes]:
@@ -50,9 +54,12 @@ class RtpsGraph:
         info = self._domain.info
         return {} if info is None else info.announced()
 
+    def reread_discovery_info(self) -> None:
+        """Do nothing: a reader of RTPS asks a writer again for a sample that does not come."""
+
     def close(self) -> None:
         """Stop watching; idempotent."""
         self.paced.due = None
-        if self.paced.changed in self._domain.watchers:
-            self._domain.watchers.remove(self.paced.changed)
+        if self._watcher in self._domain.watchers:
+            self._domain.watchers.remove(self._watcher)
             self._on_close(self)

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable
 
 from ..base import Middleware, MiddlewareError, check_domain
+from ..cyclone_package import has_wheel
 from ..discovery_info.node_entry import NodeEntry
 from ..domains import check_loopback, check_number_joined
 from ..environment import discovery_range
@@ -50,7 +51,8 @@ class RtpsMiddleware(Middleware):
         self._selector = selectors.DefaultSelector()
         if not hasattr(self._selector, "fileno"):
             raise MiddlewareError(
-                "the rtps middleware needs epoll or kqueue, which this platform has not: use -m dds"
+                "the rtps middleware needs epoll or kqueue, which this platform has not: "
+                + ("use -m dds" if has_wheel() else "run uros in WSL 2")
             )
         self._wakeup = WakeupFd()
         # What to call for descriptors that are ready, in this order.
@@ -106,10 +108,10 @@ class RtpsMiddleware(Middleware):
                 self._selector.register(fileno, selectors.EVENT_READ)
         return domain
 
-    def graph(self, domain: int, on_change: Callable[[], None]) -> RtpsGraph:
+    def graph(self, domain: int, on_change: Callable[[], None], paced: bool = True) -> RtpsGraph:
         """Watch the graph of a domain until the result is closed."""
         check_domain(domain)
-        graph = RtpsGraph(self._domain(domain), on_change, self._graphs.remove)
+        graph = RtpsGraph(self._domain(domain), on_change, self._graphs.remove, paced)
         self._graphs.append(graph)
         return graph
 

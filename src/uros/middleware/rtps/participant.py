@@ -28,6 +28,7 @@ from .kinds import (
     InfoDestination,
     InfoReply,
     InfoSource,
+    InfoTimestamp,
     NackFrag,
     Submessage,
 )
@@ -342,6 +343,7 @@ class Participant:
             remote = self.remotes.get(prefix)
             is_for_us, is_directed = True, False
             answers_to: tuple[Locator, ...] = ()
+            source_ns = 0
             if remote is not None and source in remote.heard:
                 remote.received += len(datagram)
             for submessage in submessages.read(datagram):
@@ -351,7 +353,9 @@ class Participant:
                 elif isinstance(submessage, InfoSource):
                     prefix = submessage.prefix
                     remote = self.remotes.get(prefix)
-                    answers_to = ()
+                    answers_to, source_ns = (), 0
+                elif isinstance(submessage, InfoTimestamp):
+                    source_ns = submessage.time_ns or 0
                 elif isinstance(submessage, InfoReply):
                     answers_to = submessage.unicast
                 elif not is_for_us or prefix == self._prefix:
@@ -369,7 +373,7 @@ class Participant:
                         remote.is_proven = True  # it knows our prefix
                     if isinstance(submessage, AckNack | NackFrag):
                         self._answer_to(remote, submessage, answers_to)
-                    if not self._dispatch(remote, submessage, now):
+                    if not self._dispatch(remote, submessage, now, source_ns):
                         self._begin_anew(remote, source, now)
                         remote = self.remotes.get(prefix)
         except MalformedError:
@@ -389,7 +393,9 @@ class Participant:
         else:
             remote.answers_to.pop(guid, None)
 
-    def _dispatch(self, remote: RemoteParticipant, submessage: Submessage, now: float) -> bool:
+    def _dispatch(
+        self, remote: RemoteParticipant, submessage: Submessage, now: float, source_ns: int
+    ) -> bool:
         """Give a submessage to the endpoints it is for; False where its sender has begun anew."""
         if isinstance(submessage, AckNack | NackFrag):
             writer = self.writers.get(submessage.writer)
@@ -408,7 +414,7 @@ class Participant:
         else:
             named = self.readers.get(submessage.reader)
             readers = [] if named is None else [named.state]
-        return all([reader.receive(guid, submessage, now) for reader in readers])
+        return all([reader.receive(guid, submessage, now, source_ns) for reader in readers])
 
     def _on_announcement(
         self, data: Data, prefix: bytes, source: str, octets: int, now: float

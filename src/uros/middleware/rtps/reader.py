@@ -62,6 +62,7 @@ class Sample(NamedTuple):
         is_key: Whether the payload is a key.
         expires: When its lifespan is over, which began when it arrived: clocks of other machines
             differ and jump. Infinity: never.
+        source_ns: The source time that its writer gave (Unix ns); 0: unknown.
     """
 
     payload: bytes | None
@@ -70,6 +71,7 @@ class Sample(NamedTuple):
     inline_qos: InlineQos | None
     is_key: bool
     expires: float = math.inf
+    source_ns: int = 0
 
 
 def is_newer(counter: int, last: int | None) -> bool:
@@ -199,18 +201,26 @@ class StatefulReader:
         writer: bytes,
         submessage: Data | DataFrag | Heartbeat | HeartbeatFrag | Gap,
         now: float,
+        source_ns: int = 0,
     ) -> bool:
-        """Handle a submessage of a writer; False where the writer has begun anew."""
+        """Handle a submessage of a writer; False where the writer has begun anew.
+
+        Args:
+            writer: The writer's GUID.
+            submessage: The submessage.
+            now: The time in seconds.
+            source_ns: The time of the INFO_TS before it (Unix ns); 0: unknown.
+        """
         is_same = True
         if isinstance(submessage, Data | DataFrag):
             is_same = self.is_continued(writer, submessage.number, now)
         if isinstance(submessage, Data):
             self.on_data(
                 writer, submessage.number, submessage.payload, submessage.inline_qos,
-                submessage.little, submessage.is_key, now,
+                submessage.little, submessage.is_key, now, source_ns,
             )  # fmt: skip
         elif isinstance(submessage, DataFrag):
-            self.on_fragments(writer, submessage, now)
+            self.on_fragments(writer, submessage, now, source_ns)
         elif isinstance(submessage, Heartbeat):
             is_same = self.on_heartbeat(writer, submessage, now)
         elif isinstance(submessage, Gap):
@@ -228,6 +238,7 @@ class StatefulReader:
         little: bool,
         is_key: bool,
         now: float,
+        source_ns: int = 0,
     ) -> None:
         """Handle DATA of a matched writer; of another it is dropped.
 
@@ -239,6 +250,7 @@ class StatefulReader:
             little: Its byte order.
             is_key: Whether the payload is a key.
             now: The time in seconds.
+            source_ns: Its source time (Unix ns); 0: unknown.
         """
         proxy = self.writers.get(writer)
         if proxy is None or not self._is_wanted(proxy, number):
@@ -254,7 +266,8 @@ class StatefulReader:
                     self._deliver_held(proxy)
                 return
         octets = None if payload is None else unpadded(bytes(payload))
-        self._accept(proxy, Sample(octets, writer, number, qos, is_key, now + proxy.lifespan))
+        expires = now + proxy.lifespan
+        self._accept(proxy, Sample(octets, writer, number, qos, is_key, expires, source_ns))
 
     def is_continued(self, writer: bytes, number: int, now: float) -> bool:
         """Return whether a sample's number is not one of a best-effort writer that began anew.
@@ -272,7 +285,9 @@ class StatefulReader:
             return now - proxy.behind_since < _RESTART_AFTER
         return True
 
-    def on_fragments(self, writer: bytes, fragment: DataFrag, now: float) -> None:
+    def on_fragments(
+        self, writer: bytes, fragment: DataFrag, now: float, source_ns: int = 0
+    ) -> None:
         """Handle DATA_FRAG of a matched writer; of another it is dropped."""
         proxy = self.writers.get(writer)
         number = fragment.number
@@ -301,7 +316,7 @@ class StatefulReader:
         del proxy.incomplete[number]
         incomplete.close()
         raw, little = qos if qos is not None else (None, True)
-        self.on_data(writer, number, payload, raw, little, is_key, now)
+        self.on_data(writer, number, payload, raw, little, is_key, now, source_ns)
 
     def on_heartbeat(self, writer: bytes, heartbeat: Heartbeat, now: float) -> bool:
         """Handle HEARTBEAT of a matched reliable writer; one that comes late is dropped.

@@ -32,9 +32,9 @@ def _verbosity(text: str) -> int:
 _GENERAL: Final = OptionGroup()
 _GENERAL.add(
     "-m", "--middleware", choices=_MIDDLEWARES, metavar="NAME", default="auto",
-    help="middleware to use: auto (default: dds for topics, rtps for services), dds (Cyclone DDS),"
-    " rtps (without a DDS library), ros2 (rclpy), memory (boards reach only each other), or ced (as"
-    " memory, with any text as a name)",
+    help="middleware to use: auto (default: dds for topics, rtps for services; without Cyclone rtps"
+    " for all), dds (Cyclone DDS), rtps (without a DDS library), ros2 (rclpy), memory (boards reach"
+    " only each other), or ced (as memory, with any text as a name)",
 )  # fmt: skip
 _GENERAL.add("--distro", metavar="NAME", type=distro_name, help=DISTRO_HELP)
 _GENERAL.add(
@@ -155,7 +155,7 @@ def _serve(options: argparse.Namespace, parts: list[argparse.Namespace]) -> int:
     from ...agent.objects.xml_profiles import References
     from ...agent.server import Server
     from ...agent.watchdog import Watchdog
-    from ...middleware import open_middleware
+    from ...middleware import cyclone_package, open_middleware
 
     references = References()
     for file in options.refs:
@@ -182,6 +182,8 @@ def _serve(options: argparse.Namespace, parts: list[argparse.Namespace]) -> int:
         log(INFO, "Root", "main", "domain overridden", f"domain_id: {options.domain}")
     elif domain_of_agent:
         log(INFO, "Root", "main", "domain of the agent", f"domain_id: {domain_of_agent} (for 255)")
+    if options.middleware == "auto" and (why := cyclone_package.why_missing()):
+        log(INFO, "Root", "main", "RTPS in Python", f"{why}: topics and services use rtps")
     if options.middleware == "rtps":
         log(INFO, "Root", "main", "RTPS in Python", "in earlier versions -m rtps meant dds")
     messages = capture.open_capture(options, agent)

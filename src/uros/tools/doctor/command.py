@@ -236,6 +236,7 @@ class Doctor:
         from . import network as doctor_network
         from . import process
 
+        self._found(doctor_network.check_engine())
         here = os.environ
         places = [(here, doctor_network.SHELL)]
         for pid in sorted(self._agents.pids - {os.getpid()}):

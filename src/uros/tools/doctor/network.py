@@ -79,6 +79,20 @@ def check_range(environment: Mapping[str, str], whose: str = SHELL) -> list[Find
     return [ok("discovery", f"{whose} looks for nodes on the whole subnet")]
 
 
+def check_engine() -> list[Finding]:
+    """Tell what joins the network where Cyclone cannot be used."""
+    from ...middleware import cyclone_package
+
+    why = cyclone_package.why_missing()
+    if not why:
+        return []
+    what = f"{why}: the agent and the tools use rtps for topics and services"
+    if why == cyclone_package.NOT_INSTALLED:
+        return [ok("engine", what)]
+    action = "install --force-reinstall" if cyclone_package.has_wheel() else "uninstall"
+    return [note("engine", what, f"python -m pip {action} cyclonedds")]
+
+
 def check_cyclone(environment: Mapping[str, str], whose: str = SHELL) -> list[Finding]:
     """Check how CYCLONEDDS_URI limits discovery, if it is set."""
     from ...middleware import cyclonedds_uri

@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
             "-m ros2 needs rclpy, which this Python does not have: run uros where ROS 2 is sourced,"
             " or leave -m out"
         )
-    with join(args) as network:  # which makes --interfaces known
+    with join(args, "dds" if args.middleware == "dds" else "auto") as network:
         kind = load_service(type_name) if type_name else None
         filled = Filled(kind.Request, text) if kind else None
         servers = _find(network, args)
@@ -166,8 +166,9 @@ def _open(network: Network, args: argparse.Namespace, kind: Any) -> _Client:
     if args.middleware == "ros2":
         _open_ros2(client, network, args, service)
         return client
-    node = network.node.dds if args.middleware == "dds" else network.node
-    client.requester = requester = node.create_requester(service, services_profile(), _nothing)
+    client.requester = requester = network.node.create_requester(
+        service, services_profile(), _nothing
+    )
     if requester.servers() is None:
         client.wait(lambda: False, _SETTLE)
     elif not client.wait(lambda: bool(requester.servers()), args.timeout):

@@ -266,6 +266,7 @@ def test_deferred_calls_are_made_at_shutdown(monkeypatch):
     assert not server.middleware.bus.writers and not server.middleware.bus.nodes
 
 
+@pytest.mark.cyclone
 def test_clients_that_create_for_ever_on_dds_do_not_delay_others(own_domain_id):
     """Two clients create and delete; the third is served."""
     with running_agent("udp", "dds", own_domain_id, level=3) as agent:

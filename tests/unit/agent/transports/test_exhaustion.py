@@ -245,7 +245,7 @@ def test_connections_until_no_descriptor_is_left_and_back():
             assert agent.good.ping() == 1
 
 
-@pytest.mark.parametrize("middleware", ["memory", "dds"])
+@pytest.mark.parametrize("middleware", ["memory", pytest.param("dds", marks=pytest.mark.cyclone)])
 def test_without_any_descriptor_boards_are_served(middleware, own_domain_id):
     """No descriptor is left for files of types, domains, connections or the log."""
     with attacked("-m", middleware, "--domain", str(own_domain_id)) as agent:
@@ -294,7 +294,7 @@ def test_a_serial_line_that_comes_back_when_no_descriptor_is_left(tmp_path):
     os.close(slave)
 
 
-@pytest.mark.parametrize("middleware", ["memory", "dds"])
+@pytest.mark.parametrize("middleware", ["memory", pytest.param("dds", marks=pytest.mark.cyclone)])
 def test_a_reader_that_keeps_all_and_never_reads_holds_a_part_of_the_memory(
     middleware, own_domain_id
 ):

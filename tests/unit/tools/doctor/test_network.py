@@ -11,6 +11,8 @@ import sys
 import pytest
 
 from uros.addresses import Interface, interfaces
+from uros.middleware import cyclone_package
+from uros.tools.doctor.finding import NOTE, OK
 from uros.tools.doctor.network import (
     check_cyclone,
     check_firewall,
@@ -78,6 +80,26 @@ def test_a_machine_without_a_network():
     (one,), (after,) = in_a_network("ip link del net0; ip link set lo down", "ip link set lo up")
     assert one["state"] == "problem" and one["fix"] == "sudo ip link set lo up"
     assert after["state"] == "note"
+
+
+@pytest.mark.parametrize(
+    ("why", "has_wheel", "state", "fix"),
+    [
+        ("", True, None, ""),
+        (cyclone_package.NOT_INSTALLED, False, OK, ""),
+        ("cyclonedds cannot be loaded (x)", True, NOTE, "install --force-reinstall cyclonedds"),
+        ("cyclonedds cannot be loaded (x)", False, NOTE, "uninstall cyclonedds"),
+    ],
+)
+def test_what_is_used_without_cyclone(monkeypatch, why, has_wheel, state, fix):
+    from uros.tools.doctor import network
+
+    monkeypatch.setattr(cyclone_package, "why_missing", lambda: why)
+    monkeypatch.setattr(cyclone_package, "has_wheel", lambda: has_wheel)
+    findings = network.check_engine()
+    assert [one.state for one in findings] == ([state] if state else [])
+    assert all(why in one.what and "use rtps" in one.what for one in findings)
+    assert all(fix in one.fix and bool(fix) == bool(one.fix) for one in findings)
 
 
 ETHERNET = Interface("eth7", 9, 0x1043, "10.1.2.3")

@@ -117,7 +117,7 @@ def options(*arguments):
 @pytest.fixture
 def camera(own_domain_id, monkeypatch):
     """A node that publishes what ``camera.data`` is while the verb spins; and the verb."""
-    node = uros.Node("camera", Direct(open_middleware("dds"), own_domain_id))
+    node = uros.Node("camera", Direct(open_middleware("auto"), own_domain_id))
     publisher = node.create_publisher(CompressedImage, TOPIC, 10)
     camera = argparse.Namespace(data=JPEG, count=0)
 

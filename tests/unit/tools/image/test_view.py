@@ -133,7 +133,7 @@ def test_the_age_by_the_stamp(stamp, received, text):
 @pytest.fixture
 def world(own_domain_id):
     """A network that looks, a node that publishes, and what was seen."""
-    node = uros.Node("camera", Direct(open_middleware("dds"), own_domain_id))
+    node = uros.Node("camera", Direct(open_middleware("auto"), own_domain_id))
     seen, troubles = [], []
     with Network(own_domain_id) as network:
         source = ImageSource(
@@ -239,7 +239,7 @@ def test_the_topic_of_the_document_is_the_default():
 
 def test_over_dds_and_http(own_domain_id, monkeypatch, capsys):
     """The verb itself, in this thread; what its page asks is asked while the network spins."""
-    node = uros.Node("camera", Direct(open_middleware("dds"), own_domain_id))
+    node = uros.Node("camera", Direct(open_middleware("auto"), own_domain_id))
     publisher = node.create_publisher(CompressedImage, TOPIC, 10)
     got = []
 

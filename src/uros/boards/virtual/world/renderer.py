@@ -50,7 +50,7 @@ def pillow() -> Any:
         from PIL import Image, ImageDraw, ImageFont
     except ImportError as error:
         raise NoPillow(
-            "pictures need Pillow, which is not installed: python -m pip install 'uros[board]'"
+            "pictures need Pillow, which is not installed: python -m pip install pillow"
         ) from error
     return Image, ImageDraw, ImageFont
 

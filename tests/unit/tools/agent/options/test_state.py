@@ -26,7 +26,7 @@ class Agent:
     def __init__(self, domain, state, port=None):
         self.port = port or free_port()
         self._command = [
-            sys.executable, "-m", "uros", "agent", "udp4", "-p", str(self.port), "-m", "dds",
+            sys.executable, "-m", "uros", "agent", "udp4", "-p", str(self.port), "-m", "auto",
             "--domain", str(domain), "--state", str(state),
         ]  # fmt: skip
         self.lines = []
@@ -277,7 +277,7 @@ def test_a_transient_local_writer_has_its_last_sample_after_a_kill(agent, far_en
     from uros.middleware import open_middleware
     from uros.qos import DurabilityPolicy, QoSProfile
 
-    middleware = open_middleware("dds")
+    middleware = open_middleware("auto")
     got = []
     try:
         node = middleware.create_node(own_domain_id, "/", "late")
