@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import heapq
 import itertools
-import selectors
 import threading
 from collections import deque
 from collections.abc import Callable
 from typing import Any, Final, Protocol
 
+from .. import poller
 from ..middleware.base import MiddlewareError
 from ..middleware.wakeup_fd import WakeupFd
 from ..ticks import ticks_diff
@@ -74,7 +74,7 @@ class Server:
         self._monotonic = agent.clock.monotonic
         self.started = self._monotonic()
         agent.middleware.batching = True
-        self._selector = selectors.DefaultSelector()
+        self._poller = poller.create()
         self._wake = WakeupFd()
         self._stopping = False
         self._calls: list[tuple[float, int, Callable[[], None]]] = []
@@ -83,6 +83,8 @@ class Server:
         # The time each client's timer is set to; other heap entries of it are stale.
         self._timers: dict[ProxyClient, float] = {}
         self._message_hooks = agent.message_hooks
+        # What transports call, see transports.base.Host: milliseconds modulo 2^30.
+        self.now: Callable[[], int] = agent.now
         # A middleware that fails is called again, but not at once.
         self._failures = 0
         self._tick_after = 0.0
@@ -94,10 +96,6 @@ class Server:
         self.ready = threading.Event()
 
     # --- what transports call (see transports.base.Host) -------------------------
-
-    def now(self) -> int:
-        """Return the time in milliseconds modulo 2^30."""
-        return self.agent.now()
 
     def unmatched(
         self, transport: ServerTransport, peer: Any, buf: bytearray, view: memoryview, length: int
@@ -139,21 +137,11 @@ class Server:
 
     def watch(self, fileno: int, ready: Callable[[], None], writing: bool = False) -> None:
         """Call ``ready`` when a descriptor can be read, or written if ``writing``."""
-        events = selectors.EVENT_READ | (selectors.EVENT_WRITE if writing else 0)
-        try:
-            key = self._selector.get_key(fileno)
-        except KeyError:
-            self._selector.register(fileno, events, ready)
-            return
-        if key.events != events:
-            self._selector.modify(fileno, events, ready)
+        self._poller.watch(fileno, ready, writing)
 
     def unwatch(self, fileno: int) -> None:
         """Stop watching a descriptor. Idempotent."""
-        try:
-            self._selector.unregister(fileno)
-        except KeyError:
-            pass
+        self._poller.unwatch(fileno)
 
     def note(self, level: int, part: str, function: str, event: str, about: str) -> None:
         """Log a line."""
@@ -209,7 +197,7 @@ class Server:
             ends = [attachment.close for attachment in self.attachments]
             ends += [self.agent.close, self.agent.close_queue.finish, self._attend]
             ends += [transport.close for transport in self.transports]
-            ends += [middleware.close, self._selector.close, self._wake.close]
+            ends += [middleware.close, self._poller.close, self._wake.close]
             for end in ends:
                 self._try(end)  # a failure must not keep the others open
                 self.turns += 1
@@ -266,17 +254,18 @@ class Server:
             deadline = self._calls[0][0]
         timeout = None if deadline is None else max(0.0, deadline - self._monotonic())
         self.asleep = True
-        ready = self._selector.select(timeout)
+        ready = self._poller.poll(timeout)
         self.asleep = False
         self.turns += 1
-        agent.close_queue.begin_turn()
-        for key, _ in ready:
+        if agent.close_queue.spent:
+            agent.close_queue.begin_turn()
+        for call in ready:
             try:
-                key.data()
+                call()
             except Exception as error:  # the other boards must be served
                 self.agent.failed(error)
-        if deadline is not None:
-            self._due(self._monotonic())
+        if deadline is not None and (now := self._monotonic()) >= deadline:
+            self._due(now)
         try:
             middleware.flush()
             middleware.dispatch_local()
@@ -306,7 +295,6 @@ class Server:
     def _attend(self) -> None:
         """Acknowledge, send and set timers for the sessions that had messages or events."""
         attended = self.agent.attended
-        now = self.now()
         while attended:
             sessions = list(attended)
             attended.clear()
@@ -318,16 +306,16 @@ class Server:
                     self.agent.flush(session)
                     client = self.agent.clients.get(session.key)
                     if client is not None:
-                        self._set_timer(client, now)
+                        self._set_timer(client)
                 except Exception as error:  # likewise
                     self.agent.failed(error)
 
-    def _set_timer(self, client: ProxyClient, now: int) -> None:
+    def _set_timer(self, client: ProxyClient) -> None:
         deadline = client.next_deadline()
         if deadline is None:
             self._timers.pop(client, None)
             return
-        at = self._monotonic() + max(0, ticks_diff(deadline, now)) / 1000
+        at = self._monotonic() + max(0, ticks_diff(deadline, self.now())) / 1000
         timer_before = self._timers.get(client)
         if timer_before is not None and timer_before <= at:
             return  # it fires before that, and is set again then

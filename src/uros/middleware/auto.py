@@ -13,10 +13,10 @@ Where this Python has no Cyclone, :func:`create` returns the rtps middleware its
 
 from __future__ import annotations
 
-import selectors
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from .. import poller
 from ..qos import QoSProfile
 from .base import (
     Middleware,
@@ -112,8 +112,8 @@ class AutoMiddleware(Middleware):
         self._rtps: RtpsMiddleware | None = None
         self._rtps_was_tried = False
         # Both have a descriptor of their own; a selector that has one makes one of them.
-        self._selector = selectors.DefaultSelector()
-        self._selector.register(self.dds.fileno(), selectors.EVENT_READ)
+        self._poller = poller.create()
+        self._poller.watch(self.dds.fileno(), self.dds.dispatch)
 
     def create_node(
         self, domain: int, namespace: str, name: str, localhost_only: bool = False
@@ -143,14 +143,13 @@ class AutoMiddleware(Middleware):
                 )
             else:
                 self._configure(self._rtps)
-                self._selector.register(self._rtps.fileno(), selectors.EVENT_READ)
+                self._poller.watch(self._rtps.fileno(), self._rtps.dispatch)
         return self._rtps
 
     def fileno(self) -> int:
         """Return the descriptor that is readable when :meth:`dispatch` has work."""
-        if not hasattr(self._selector, "fileno"):  # without epoll and kqueue; nor can rtps run
-            return self.dds.fileno()
-        return int(self._selector.fileno())
+        fileno = self._poller.fileno()
+        return self.dds.fileno() if fileno is None else fileno  # without one rtps cannot run either
 
     def dispatch(self) -> None:
         """Dispatch dds and rtps."""
@@ -196,7 +195,7 @@ class AutoMiddleware(Middleware):
 
     def close(self) -> None:
         """Leave the network; idempotent."""
-        self._selector.close()
+        self._poller.close()
         if self._rtps is not None:
             self._rtps.close()
         self.dds.close()

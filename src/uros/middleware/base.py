@@ -84,7 +84,10 @@ class Reader(ABC):
 
     @abstractmethod
     def take(self, limit: int) -> list[bytes]:
-        """Take at most ``limit`` samples out of the reader, oldest first."""
+        """Take at most ``limit`` samples out of the reader, oldest first.
+
+        Fewer mean that no more wait.
+        """
 
     def take_stamped(self, limit: int) -> list[tuple[bytes, int]]:
         """Take samples as :meth:`take` does, each with its source time (Unix ns), 0 if unknown."""
@@ -140,8 +143,8 @@ class Requester(ABC):
     def take(self, limit: int) -> list[tuple[int, bytes]]:
         """Take at most ``limit`` replies to own requests: (sequence number, sample).
 
-        Replies to others are dropped. An empty list means that there are none, or so many to others
-        that ``on_ready`` is called again for the rest.
+        Replies to others are dropped. Fewer than ``limit`` mean that no more wait, or so many to
+        others that ``on_ready`` is called again for the rest.
         """
 
     def arrived(self, limit: int) -> list[int]:
@@ -162,7 +165,7 @@ class Replier(ABC):
     def take(self, limit: int) -> list[tuple[bytes, int, bytes]]:
         """Take at most ``limit`` requests: (16-byte GUID of the client, sequence number, sample).
 
-        An empty list means that there are none, or that ``on_ready`` is called again for the rest.
+        Fewer mean that no more wait, or that ``on_ready`` is called again for the rest.
         """
 
     @abstractmethod

@@ -152,7 +152,7 @@ class MemoryReader(Reader):
         """Take samples, oldest first."""
         with self._middleware.bus.lock:
             self.announced = False
-            return [self._samples.take() for _ in range(min(limit, len(self._samples)))]
+            return self._samples.take(limit)
 
     def arrived(self, limit: int) -> list[int]:
         """Return the octets of samples that have arrived and were not asked for before."""
@@ -207,14 +207,16 @@ class MemoryRequester(Requester):
 
     def take(self, limit: int) -> list[tuple[int, bytes]]:
         """Take replies to own requests."""
+        own: list[tuple[int, bytes]] = []
         while True:
-            replies = self._reader.take(limit)
-            own = [
+            wanted = limit - len(own)
+            replies = self._reader.take(wanted)
+            own += [
                 (int.from_bytes(sample[8:16], "little"), sample[16:])
                 for sample in replies
                 if sample[:8] == self._guid and len(sample) >= 20
             ]
-            if own or not replies:
+            if len(replies) < wanted or len(own) == limit:
                 return own
 
     def arrived(self, limit: int) -> list[int]:
@@ -236,11 +238,17 @@ class MemoryReplier(Replier):
 
     def take(self, limit: int) -> list[tuple[bytes, int, bytes]]:
         """Take requests."""
-        return [
-            (sample[:8] + bytes(8), int.from_bytes(sample[8:16], "little"), sample[16:])
-            for sample in self._reader.take(limit)
-            if len(sample) >= 20
-        ]
+        requests: list[tuple[bytes, int, bytes]] = []
+        while True:
+            wanted = limit - len(requests)
+            samples = self._reader.take(wanted)
+            requests += [
+                (sample[:8] + bytes(8), int.from_bytes(sample[8:16], "little"), sample[16:])
+                for sample in samples
+                if len(sample) >= 20
+            ]
+            if len(samples) < wanted or len(requests) == limit:
+                return requests
 
     def reply(self, guid: bytes, sequence: int, cdr: Bytes) -> bool:
         """Send a reply; always True."""

@@ -33,13 +33,14 @@ class SampleQueue(Generic[Item]):
         self._samples.append(sample)
         self._unreported += 1
 
-    def take(self) -> Item:
-        """Return the oldest sample, and forget it.
-
-        Raises:
-            IndexError: There is none.
-        """
-        return self._samples.popleft()
+    def take(self, limit: int) -> list[Item]:
+        """Return at most ``limit`` samples, oldest first, and forget them."""
+        samples = self._samples
+        if len(samples) > limit:
+            return [samples.popleft() for _ in range(limit)]
+        taken = list(samples)
+        samples.clear()
+        return taken
 
     def arrived(self, limit: int) -> list[int]:
         """Return the sizes of at most ``limit`` samples that were not asked for before."""

@@ -65,7 +65,7 @@ def test_rtps_is_opened_for_the_first_service(middleware, own_domain_id):
 def test_services_go_over_dds_with_one_notice_where_rtps_cannot_run(
     middleware, own_domain_id, monkeypatch
 ):
-    monkeypatch.delattr("selectors.DefaultSelector.fileno")
+    monkeypatch.setattr("uros.poller.EpollPoller.fileno", lambda self: None)
     notices = []
     middleware.on_notice = notices.append
     node = middleware.create_node(own_domain_id, "/", "node")

@@ -8,7 +8,7 @@ from uros.middleware.sample_queue import SampleQueue
 STEPS = st.lists(
     st.one_of(
         st.tuples(st.just("put"), st.binary(max_size=5)),
-        st.tuples(st.just("take"), st.just(0)),
+        st.tuples(st.just("take"), st.integers(0, 4)),
         st.tuples(st.just("arrived"), st.integers(0, 5)),
     ),
     max_size=60,
@@ -25,8 +25,9 @@ def test_each_size_is_reported_once_while_its_sample_waits(depth, steps):
             plain.append([value, False])
             if depth is not None:
                 plain = plain[-depth:]
-        elif what == "take" and plain:
-            assert queue.take() == plain.pop(0)[0]
+        elif what == "take":
+            assert queue.take(value) == [sample for sample, _ in plain[:value]]
+            del plain[:value]
         elif what == "arrived":
             new = [entry for entry in plain if not entry[1]][:value]
             assert queue.arrived(value) == [len(sample) for sample, _ in new]

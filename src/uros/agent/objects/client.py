@@ -81,6 +81,7 @@ class ProxyClient:
         self._known = Known(self.objects, agent.references)
         self._factory = ObjectFactory(agent, self.objects, self._known)
         self._kept = 0  # bytes of all representations
+        self._paced: set[XrceObject] = set()  # whose deliveries wait for their time
         self._time_budget = agent.time_budget.for_client()
 
     # --- what the session reports ---------------------------------------------
@@ -151,19 +152,18 @@ class ProxyClient:
     def next_deadline(self) -> int | None:
         """Return when :meth:`poll` has something to do, or None."""
         deadline = self.session.next_deadline()
-        for obj in self.objects.values():
-            if obj.delivery is not None:
-                at = obj.delivery.next_deadline()
-                if at is not None and (deadline is None or ticks_diff(at, deadline) < 0):
-                    deadline = at
+        for obj in self._paced:
+            at = None if obj.delivery is None else obj.delivery.next_deadline()
+            if at is not None and (deadline is None or ticks_diff(at, deadline) < 0):
+                deadline = at
         return deadline
 
     def poll(self, now: int) -> None:
         """Send what is due by time: heartbeats, retransmissions, deliveries."""
         self.session.poll(now)
-        for obj in self.objects.values():
-            if obj.delivery is not None and obj.delivery.next_deadline() is not None:
-                self._pump(obj, now)
+        paced, self._paced = self._paced, set()
+        for obj in paced:
+            self._pump(obj, now)
 
     def close(self) -> None:
         """Delete all objects, endpoints before participants."""
@@ -461,7 +461,7 @@ class ProxyClient:
         if delivery is None:
             return
         try:
-            delivery.pump(now)
+            is_finished = delivery.pump(now)
         except (DecodeError, MiddlewareError) as error:
             # The middleware calls all clients one after the other. An error must not reach it,
             # because the others would not be called.
@@ -472,8 +472,10 @@ class ProxyClient:
             obj.delivery = None
             self._agent.failed(error)
             return
-        if delivery.finished(now):
+        if is_finished:
             obj.delivery = None
+        elif delivery.next_deadline() is not None:
+            self._paced.add(obj)
 
     # --- the rest --------------------------------------------------------------
 

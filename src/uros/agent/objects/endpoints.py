@@ -197,8 +197,11 @@ class ReaderEndpoint(ReadingEndpoint):
     def take(self, limit: int) -> list[tuple[int, bytes]]:
         """Return at most ``limit`` samples: (flags of DATA, payload)."""
         samples = [(sample[1] & 1, sample[4:]) for sample in self._reader.take(limit)]
-        self.taken += len(samples)
-        self.backlog.took(len(samples))
+        count = len(samples)
+        self.taken += count
+        self.backlog.empty = count < limit
+        if self.backlog.octets:
+            self.backlog.took(count, limit)
         return samples
 
     def close(self) -> None:
@@ -273,13 +276,14 @@ class RequesterEndpoint(ReadingEndpoint):
         """Return at most ``limit`` replies to requests that wait: (flags of DATA, payload)."""
         out: list[tuple[int, bytes]] = []
         for _ in range(_MAX_MISSES):
-            replies = self._requester.take(limit)
-            self.backlog.took(len(replies))
+            wanted = limit - len(out)
+            replies = self._requester.take(wanted)
+            self.backlog.took(len(replies), wanted)
             for sequence, sample in replies:
                 request_id = self._pending.pop(sequence, None)
                 if request_id is not None:
                     out.append((sample[1] & 1, request_id + self._object_id + sample[4:]))
-            if out or not replies:
+            if len(replies) < wanted or len(out) == limit:
                 break
         else:
             self._requester.again()
@@ -334,7 +338,7 @@ class ReplierEndpoint(ReadingEndpoint):
             push_sample_identity(identity, 0, guid, sequence)
             out.append((sample[1] & 1, bytes(identity) + sample[4:]))
         self.taken += len(out)
-        self.backlog.took(len(out))
+        self.backlog.took(len(out), limit)
         return out
 
     def close(self) -> None:

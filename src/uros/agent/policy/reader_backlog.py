@@ -28,7 +28,7 @@ MAX_LOOKED_AT: Final = 64
 
 
 class Source(Protocol):
-    """A middleware reader in which samples wait."""
+    """A middleware reader in which samples wait; see :class:`uros.middleware.base.Reader`."""
 
     def arrived(self, limit: int) -> list[int]:
         """Return sizes of new samples; see :meth:`uros.middleware.base.Reader.arrived`."""
@@ -45,7 +45,7 @@ class Backlog:
 
     Attributes:
         octets: Bytes that wait, with the overhead of each sample.
-        empty: Whether the last take found no sample.
+        empty: Whether the last take left no sample.
 
     Args:
         source: Where samples wait.
@@ -67,16 +67,17 @@ class Backlog:
         self.octets = 0
         self.empty = False
 
-    def took(self, count: int) -> None:
-        """Note that samples were taken; 0 means that the reader is empty."""
-        self.empty = not count
+    def took(self, count: int, limit: int) -> None:
+        """Note that samples were taken; fewer than ``limit`` leave none."""
+        self.empty = count < limit
         if not self._sizes:
             return
         if self.octets > _MUCH:
             self._budget.freed = True
-        if not count:
+        if self.empty:
             self._sizes.clear()
             self.octets = 0
+            return
         for _ in range(min(count, len(self._sizes))):
             self.octets -= self._sizes.popleft()
 

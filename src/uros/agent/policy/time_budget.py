@@ -90,6 +90,7 @@ class DeferredCloseQueue:
 
     Attributes:
         schedule: Set by a server; asks it to call :meth:`work` soon.
+        spent: The seconds that closing has taken in this turn of the server.
 
     Args:
         failed: Called with the error when closing raises one; the rest is closed all the same.
@@ -105,7 +106,7 @@ class DeferredCloseQueue:
         self.schedule: Callable[[], None] | None = None
         self._failed = failed
         self._queue: deque[Callable[[], None]] = deque()
-        self._spent = 0.0  # seconds, in this turn
+        self.spent = 0.0
 
     def __len__(self) -> int:
         return len(self._queue)
@@ -118,7 +119,7 @@ class DeferredCloseQueue:
             self._queue.append(close)
             if len(self._queue) > MAX_CLOSING:
                 self._timed(self._queue.popleft())
-        elif self._spent >= SLICE:
+        elif self.spent >= SLICE:
             self._queue.append(close)
             self.schedule()
         else:
@@ -126,8 +127,8 @@ class DeferredCloseQueue:
 
     def work(self) -> None:
         """Close entities for one slice of time. Called once in a turn of the server."""
-        self._spent = 0.0
-        while self._queue and self._spent < SLICE:
+        self.spent = 0.0
+        while self._queue and self.spent < SLICE:
             self._timed(self._queue.popleft())
         if self._queue and self.schedule is not None:
             self.schedule()
@@ -135,7 +136,7 @@ class DeferredCloseQueue:
     def begin_turn(self) -> None:
         """Note that a new turn of the server has begun."""
         if not self._queue:
-            self._spent = 0.0
+            self.spent = 0.0
 
     def finish(self) -> None:
         """Close everything that waits, however long it takes."""
@@ -145,7 +146,7 @@ class DeferredCloseQueue:
     def _timed(self, close: Callable[[], None]) -> None:
         start = self._monotonic()
         self._close(close)
-        self._spent += self._monotonic() - start
+        self.spent += self._monotonic() - start
 
     def _close(self, close: Callable[[], None]) -> None:
         try:

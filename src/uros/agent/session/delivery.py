@@ -22,7 +22,10 @@ class Source(Protocol):
     """An endpoint that samples are taken from."""
 
     def take(self, limit: int) -> list[tuple[int, bytes]]:
-        """Return at most ``limit`` samples: (flags of DATA, payload after the request)."""
+        """Return at most ``limit`` samples: (flags of DATA, payload after the request).
+
+        Fewer mean that no more wait, or that the client's ``on_ready`` is called for them.
+        """
 
 
 class Delivery:
@@ -39,7 +42,7 @@ class Delivery:
         now: The time, in milliseconds modulo 2^30.
     """
 
-    __slots__ = ("_bytes_per_second", "_end", "_head", "_large", "_next", "_pace",
+    __slots__ = ("_bytes_per_second", "_end", "_head", "_is_limited", "_large", "_next", "_pace",
                  "_remaining", "_session", "_source", "stream_id")  # fmt: skip
 
     def __init__(
@@ -58,6 +61,7 @@ class Delivery:
         self._head = request_id.to_bytes(2, "big") + object_id.to_bytes(2, "big")
         self._remaining: int | None = None if samples == ids.MAX_SAMPLES_UNLIMITED else samples
         self._end: int | None = ticks_add(now, seconds * 1000) if seconds else None
+        self._is_limited = self._remaining is not None or self._end is not None
         self._next: int | None = None  # not before, by pace or rate
         # Samples that need fragments are taken one by one, so that the others wait in the reader.
         self._large = False
@@ -78,37 +82,47 @@ class Delivery:
         """Return when :meth:`pump` can continue by time alone, or None."""
         return self._next
 
-    def pump(self, now: int) -> None:
-        """Send samples, as many as there are, the limits allow and the stream has room for."""
-        paced = bool(self._bytes_per_second or self._pace)
-        reliable = self.stream_id >= ids.STREAM_RELIABLE
+    def pump(self, now: int) -> bool:
+        """Send samples, as many as there are, the limits allow and the stream has room for.
+
+        Returns:
+            Whether a limit is reached, so that nothing more will be sent.
+        """
+        session, stream_id, head = self._session, self.stream_id, self._head
+        is_paced = bool(self._bytes_per_second or self._pace)
+        is_reliable = stream_id >= ids.STREAM_RELIABLE
         sent = 0
-        while not self.finished(now):
+        while True:
+            if self._is_limited and self.finished(now):
+                return True
             if self._next is not None:
                 if ticks_diff(now, self._next) < 0:
-                    return
+                    return False
                 self._next = None
-            limit = self._session.room(self.stream_id)
-            if limit <= 0:
-                return
-            if not reliable:
-                limit = _BATCH
-                if sent >= _BURST:
-                    self._next = now  # the rest follows after the other clients were served
-                    return
+            limit = _BATCH
+            if is_reliable:
+                limit = min(limit, session.room(stream_id))
+                if limit <= 0:
+                    return False
+            elif sent >= _BURST:
+                self._next = now  # the rest follows after the other clients were served
+                return False
             if self._remaining is not None:
                 limit = min(limit, self._remaining)
-            samples = self._source.take(1 if paced or self._large else min(limit, _BATCH))
-            if not samples:
-                return
+            if is_paced or self._large:
+                limit = 1
+            samples = self._source.take(limit)
             for flags, payload in samples:
-                self._session.send(ids.DATA, flags, self.stream_id, self._head + payload, now)
-            sent += len(samples)
-            self._large = reliable and len(samples[-1][1]) > self._session.mtu - 16
+                session.send(ids.DATA, flags, stream_id, head + payload, now)
             if self._remaining is not None:
                 self._remaining -= len(samples)
-            if paced:
+            if is_paced and samples:
                 wait = self._pace
                 if self._bytes_per_second:
                     wait = max(wait, len(samples[0][1]) * 1000 // self._bytes_per_second)
                 self._next = ticks_add(now, wait)
+            if samples:
+                self._large = is_reliable and len(samples[-1][1]) > session.mtu - 16
+            if len(samples) < limit:
+                return self._is_limited and self.finished(now)
+            sent += limit

@@ -519,15 +519,21 @@ flush = function("dds_write_flush", _int32, _int32)
 
 
 def take(reader: int, limit: int) -> list[tuple[bytes, Any]]:
-    """Take at most ``limit`` samples with their SampleInfo, invalid ones left out."""
+    """Take at most ``limit`` samples with their SampleInfo, invalid ones left out.
+
+    Fewer mean that no more wait.
+    """
     samples = _ddspy_take(reader, ANY_STATE, limit)
     if isinstance(samples, int):
         return []
-    return [
+    valid = [
         item if not item[0][3] & 3 else (_unpadded(item[0]), item[1])
         for item in samples
         if item[1].valid_data
     ]
+    if len(valid) < len(samples) == limit:
+        valid += take(reader, limit - len(valid))
+    return valid
 
 
 def unread(reader: int, limit: int) -> list[int]:

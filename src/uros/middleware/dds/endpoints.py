@@ -315,17 +315,19 @@ class DdsRequester(Requester):
 
     def take(self, limit: int) -> list[tuple[int, bytes]]:
         """Take replies to own requests."""
+        own: list[tuple[int, bytes]] = []
         for _ in range(_MAX_MISSES):
-            count, parsed = self._reader.take_parsed(limit)
-            own = [
+            wanted = limit - len(own)
+            count, parsed = self._reader.take_parsed(wanted)
+            own += [
                 (sequence, body)
                 for client_id, sequence, body in parsed
                 if client_id == self._client_id
             ]
-            if own or not count:
+            if count < wanted or len(own) == limit:
                 return own
         self.again()
-        return []
+        return own
 
     def again(self) -> None:
         """Have ``on_ready`` called again, after others."""
@@ -367,8 +369,10 @@ class DdsReplier(Replier):
 
     def take(self, limit: int) -> list[tuple[bytes, int, bytes]]:
         """Take requests, each with the client's id padded to a GUID."""
+        requests: list[tuple[bytes, int, bytes]] = []
         for _ in range(_MAX_MISSES):
-            count, parsed = self._reader.take_parsed(limit)
+            wanted = limit - len(requests)
+            count, parsed = self._reader.take_parsed(wanted)
             if self._reader.refused and not self._noticed:
                 self._noticed = True
                 self._context.notice(
@@ -376,12 +380,13 @@ class DdsReplier(Replier):
                     " than rmw_cyclonedds's, as rmw_fastrtps does; use the middleware auto or rtps"
                     " in place of dds"
                 )
-            if parsed or not count:
-                return [
-                    (client_id + bytes(8), sequence, body) for client_id, sequence, body in parsed
-                ]
+            requests += [
+                (client_id + bytes(8), sequence, body) for client_id, sequence, body in parsed
+            ]
+            if count < wanted or len(requests) == limit:
+                return requests
         self._context.dispatcher.requeue(self._reader)
-        return []
+        return requests
 
     def reply(self, guid: bytes, sequence: int, cdr: Bytes) -> bool:
         """Send a reply; return False if there is no room."""

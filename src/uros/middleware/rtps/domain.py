@@ -47,6 +47,7 @@ class DomainContext(Protocol):
     """What a domain uses of the middleware."""
 
     batching: bool
+    unsent: set[RtpsDomain]
     on_type_conflict: Callable[[str, str, str], None] | None
 
     def notice(self, text: str) -> None:
@@ -87,6 +88,8 @@ class RtpsDomain:
         self.info: RtpsDiscoveryInfo | None = None
         self.watchers: list[Callable[[], None]] = []
         self.service_ids = itertools.count(1)
+        # What endpoints use, see endpoints.EndpointOwner.
+        self.ready: Callable[[RtpsReader], None] = context.ready
         self._context = context
         self._reported: set[tuple[bytes, bytes]] = set()
         self._writers: dict[str, list[RtpsWriter]] = {}
@@ -119,13 +122,11 @@ class RtpsDomain:
 
     # --- what endpoints use (see endpoints.EndpointOwner) --------------------------------------
 
-    def ready(self, reader: RtpsReader) -> None:
-        """Have the reader's ``on_ready`` called by the next dispatch."""
-        self._context.ready(reader)
-
     def written(self) -> None:
         """Send what was written, unless the caller flushes."""
-        if not self._context.batching:
+        if self._context.batching:
+            self._context.unsent.add(self)
+        else:
             self.flush()
 
     def create_local_writer(
@@ -136,6 +137,7 @@ class RtpsDomain:
         now, wall = time.monotonic(), time.time_ns()
         writer = self.participant.create_writer(topic, type_name, qos, now, wall, wants_header)
         self._add_type(writer.data, True)
+        self.written()
         return writer
 
     def create_local_reader(
@@ -145,12 +147,14 @@ class RtpsDomain:
         now, wall = time.monotonic(), time.time_ns()
         reader = self.participant.create_reader(topic, type_name, qos, deliver, now, wall)
         self._add_type(reader.data, True)
+        self.written()
         return reader
 
     def delete(self, endpoint: LocalWriter | LocalReader) -> None:
         """Delete an endpoint and announce that."""
         self.participant.delete(endpoint, time.monotonic(), time.time_ns())
         self._conflicts.remove(endpoint.data.guid)
+        self.written()
         self._changed_graph()
 
     def join(self, endpoint: RtpsWriter | RtpsReader) -> None:
@@ -258,19 +262,26 @@ class RtpsDomain:
         return self._sockets.filenos()
 
     def receive(self, fileno: int) -> None:
-        """Handle a burst of datagrams of a descriptor; what they have us send is due at once."""
+        """Handle a burst of datagrams of a descriptor.
+
+        What they have us send waits for a flush or a tick.
+        """
         now = time.monotonic()
         for datagram, source in self._sockets.receive(fileno):
             self.participant.receive(datagram, source, now)
             if time.monotonic() - now > _RECEIVE_SECONDS:
                 break
+        if self.participant.has_output:
+            self._context.unsent.add(self)
 
     def next_deadline(self) -> float | None:
         """Return when :meth:`tick` has work."""
-        deadlines = [self.participant.next_deadline(), self._backlog_at, self._sockets.scan_at]
-        if self.info is not None:
-            deadlines.append(self.info.next_deadline())
-        return min((at for at in deadlines if at is not None), default=None)
+        deadline = self.participant.next_deadline()
+        of_info = None if self.info is None else self.info.next_deadline()
+        for at in (self._backlog_at, self._sockets.scan_at, of_info):  # often: no generator
+            if at is not None and (deadline is None or at < deadline):
+                deadline = at
+        return deadline
 
     def tick(self) -> None:
         """Do what is due by time."""
@@ -303,15 +314,21 @@ class RtpsDomain:
                     waiting.append(datagram)
                 continue
             octets[place] = sent + len(datagram)
-        now = time.monotonic()
+        if self._backlog:
+            self._send_backlog(time.monotonic())
+        if self._sockets.unreachable:
+            for address in self._sockets.unreachable:
+                self.participant.leave_address(address)
+            self._sockets.unreachable.clear()
+
+    def _send_backlog(self, now: float) -> None:
+        """Send a slice of what waits for each place, if the pause is over."""
         if self._backlog_at is not None and self._backlog_at <= now:
             self._backlog_at = None
             for place, datagrams in list(self._backlog.items()):
                 self._send_slice(place, datagrams)
         if self._backlog and self._backlog_at is None:
             self._backlog_at = now + _PAUSE
-        for address in self._sockets.take_unreachable():
-            self.participant.leave_address(address)
 
     def _send_slice(self, place: Locator, datagrams: deque[bytes]) -> None:
         octets = 0

@@ -59,12 +59,15 @@ class RtpsWriter(Writer):
     """A publisher's writer.
 
     Attributes:
+        guid: Its GUID.
         local: The writer of our participant.
         readers: The readers of this process that match.
         on_close: Called when it is closed.
     """
 
-    __slots__ = ("_domain", "_waits", "is_open", "local", "on_close", "readers")
+    __slots__ = (
+        "_domain", "_lifespan", "_waits", "guid", "is_open", "local", "on_close", "readers"
+    )  # fmt: skip
 
     def __init__(
         self, domain: EndpointOwner, topic: str, type_name: str, qos: QoSProfile,
@@ -75,14 +78,11 @@ class RtpsWriter(Writer):
         self.readers: list[RtpsReader] = []
         # Whether it waits for room in a reliable reader, instead of losing a sample.
         self._waits = qos.reliable and qos.history == HistoryPolicy.KEEP_ALL
+        self._lifespan = lifespan(qos)
         self.local = domain.create_local_writer(topic, type_name, qos, wants_header)
+        self.guid = self.local.data.guid
         self.is_open = True
         domain.join(self)
-
-    @property
-    def guid(self) -> bytes:
-        """Its GUID."""
-        return self.local.data.guid
 
     def write(self, cdr: Bytes) -> bool:
         """Write a sample; False where the history has no room."""
@@ -106,23 +106,26 @@ class RtpsWriter(Writer):
         Returns:
             False where the history, or a reader of this process, has no room.
         """
-        to = [one for one in self.readers if readers is None or one.guid in readers]
-        if self._waits and any(one.is_full and one.local.data.qos.reliable for one in to):
+        to = self.readers
+        if readers is not None:
+            to = [reader for reader in to if reader.guid in readers]
+        if self._waits and any(reader.is_full and reader.is_reliable for reader in to):
             return False
-        inline_qos = b"" if related is None else write_related_identity(*related)
         now, wall = time.monotonic(), time.time_ns()
-        if not self.local.write(payload, wall, now, inline_qos, readers, with_header):
-            return False
+        state = self.local.state
+        if state.readers or state.transient_local:
+            inline_qos = b"" if related is None else write_related_identity(*related)
+            if not self.local.write(payload, wall, now, inline_qos, readers, with_header):
+                return False
+            self._domain.written()
+        else:
+            state.last += 1  # no other process hears it, now or later
         if to:
             qos = None if related is None else InlineQos(related=related)
-            received = Sample(
-                payload, self.guid, self.local.state.last, qos, False,
-                now + lifespan(self.local.data.qos), wall,
-            )  # fmt: skip
+            expires = now + self._lifespan
+            received = Sample(payload, self.guid, state.last, qos, False, expires, wall)
             for reader in to:
-                if not reader.is_full:
-                    reader.put(received)
-        self._domain.written()
+                reader.put(received)
         return True
 
     def matches(self, reader: RtpsReader) -> bool:
@@ -155,14 +158,15 @@ class RtpsWriter(Writer):
             self._domain.leave(self)
             self._domain.delete(self.local)
             self.on_close()
-            self._domain.written()
 
 
 class RtpsReader(Reader):
     """A subscription's reader.
 
     Attributes:
+        guid: Its GUID.
         local: Its reader of RTPS.
+        is_reliable: Whether its QoS is reliable.
         on_ready: Called by a dispatch after samples have come.
         on_close: Called when it is closed.
         is_open: Whether it was not closed.
@@ -170,8 +174,8 @@ class RtpsReader(Reader):
     """
 
     __slots__ = (
-        "_depth", "_domain", "_samples", "_was_full", "is_announced", "is_open",
-        "local", "on_close", "on_ready",
+        "_depth", "_domain", "_samples", "_was_full", "guid", "is_announced", "is_open",
+        "is_reliable", "local", "on_close", "on_ready",
     )  # fmt: skip
 
     def __init__(
@@ -184,36 +188,35 @@ class RtpsReader(Reader):
         self._depth = None if qos.history == HistoryPolicy.KEEP_ALL else max(1, qos.depth)
         self._samples: SampleQueue[Sample] = SampleQueue(self._depth, _size)
         self._was_full = False
+        self.is_reliable = qos.reliable
         self.local = domain.create_local_reader(topic, type_name, qos, self._deliver)
+        self.guid = self.local.data.guid
         self.is_open = True
         domain.join(self)
-
-    @property
-    def guid(self) -> bytes:
-        """Its GUID."""
-        return self.local.data.guid
 
     def _deliver(self, sample: Sample) -> bool:
         """Take a sample of a remote writer; False where there is no room."""
         if sample.payload is None or sample.is_key:
             return True  # it disposes of an instance: these topics have none
-        if self.is_full:
-            self._was_full = True
-            return False
-        self.put(sample)
-        return True
+        if self.put(sample):
+            return True
+        self._was_full = True
+        return False
 
     @property
     def is_full(self) -> bool:
         """Whether it keeps all samples and has no room for one more."""
         return self._depth is None and len(self._samples) >= MAX_PAST
 
-    def put(self, sample: Sample) -> None:
-        """Store a sample."""
+    def put(self, sample: Sample) -> bool:
+        """Store a sample; False where there is no room."""
+        if self._depth is None and self.is_full:
+            return False
         self._samples.put(sample)
         if not self.is_announced:
             self.is_announced = True
             self._domain.ready(self)
+        return True
 
     def take_samples(self, limit: int) -> list[Sample]:
         """Take samples with what is known of them, oldest first; those that expired are dropped."""
@@ -222,10 +225,12 @@ class RtpsReader(Reader):
             return []
         now = time.monotonic()
         samples: list[Sample] = []
-        while self._samples and len(samples) < limit:
-            sample = self._samples.take()
-            if sample.expires > now:
-                samples.append(sample)
+        while len(samples) < limit:
+            wanted = limit - len(samples)
+            taken = self._samples.take(wanted)
+            samples += [sample for sample in taken if sample.expires > now]
+            if len(taken) < wanted:
+                break
         if self._was_full and len(self._samples) < MAX_PAST:
             self._was_full = False
             self.local.state.resume(now)
@@ -261,4 +266,3 @@ class RtpsReader(Reader):
             self._domain.delete(self.local)
             self.on_close()
             self._samples.clear()
-            self._domain.written()

@@ -50,11 +50,14 @@ class LocalWriter:
         Returns:
             False where there is no room in the history: nothing was written.
         """
-        if not self.state.has_room():
+        state = self.state
+        if not state.has_room():
             return False
-        packets = self.state.write(payload, time_ns, now, inline_qos, readers, is_key, with_header)
-        self._outbox.add_packets(self.state, packets)
-        self._outbox.burst.add(self.state)
+        packets = state.write(payload, time_ns, now, inline_qos, readers, is_key, with_header)
+        if packets:
+            self._outbox.add_packets(state, packets)
+        if state.reliable_readers:
+            self._outbox.burst.add(state)
         return True
 
     def matched(self) -> int:

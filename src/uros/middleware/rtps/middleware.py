@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import functools
 import os
-import selectors
 import time
 from collections.abc import Callable
 
+from ... import poller
 from ..base import Middleware, MiddlewareError, check_domain
 from ..cyclone_package import has_wheel
 from ..discovery_info.node_entry import NodeEntry
@@ -31,6 +31,9 @@ class RtpsMiddleware(Middleware):
         announces_nodes: Whether it has nodes of its own. Otherwise it carries the services of nodes
             that another middleware of this process announces.
 
+    Attributes:
+        unsent: The domains that have something to send.
+
     Raises:
         MiddlewareError: ROS_AUTOMATIC_DISCOVERY_RANGE has a value that does not exist, or this
             platform has neither epoll nor kqueue.
@@ -46,18 +49,19 @@ class RtpsMiddleware(Middleware):
         self._domains: dict[int, RtpsDomain] = {}
         self._stays_local: dict[int, bool] = {}
         self._graphs: list[RtpsGraph] = []
+        self.unsent: set[RtpsDomain] = set()
         self._ready: dict[RtpsReader, None] = {}
         self._is_receiving = False
-        self._selector = selectors.DefaultSelector()
-        if not hasattr(self._selector, "fileno"):
+        self._poller = poller.create()
+        if self._poller.fileno() is None:
             raise MiddlewareError(
                 "the rtps middleware needs epoll or kqueue, which this platform has not: "
                 + ("use -m dds" if has_wheel() else "run uros in WSL 2")
             )
         self._wakeup = WakeupFd()
-        # What to call for descriptors that are ready, in this order.
-        self._handlers: dict[int, Callable[[], None]] = {self._wakeup.fileno(): self._wakeup.clear}
-        self._selector.register(self._wakeup.fileno(), selectors.EVENT_READ)
+        # What receives, in the order in which it is called.
+        self._receivers: list[Callable[[], None]] = [self._wakeup.clear]
+        self._poller.watch(self._wakeup.fileno(), self._receivers[0])
         self._closed = False
 
     def create_node(
@@ -104,8 +108,9 @@ class RtpsMiddleware(Middleware):
             domain = RtpsDomain(self, number, self._environment, self._announces_nodes)
             self._domains[number] = domain
             for fileno in domain.filenos():
-                self._handlers[fileno] = functools.partial(domain.receive, fileno)
-                self._selector.register(fileno, selectors.EVENT_READ)
+                receive = functools.partial(domain.receive, fileno)
+                self._receivers.append(receive)
+                self._poller.watch(fileno, receive)
         return domain
 
     def graph(self, domain: int, on_change: Callable[[], None], paced: bool = True) -> RtpsGraph:
@@ -117,13 +122,16 @@ class RtpsMiddleware(Middleware):
 
     def ready(self, reader: RtpsReader) -> None:
         """Have a reader's ``on_ready`` called by the next dispatch."""
-        if not self._ready and not self._is_receiving:
+        # Otherwise dispatch_local follows.
+        if not self._ready and not self._is_receiving and not self.batching:
             self._wakeup.set()
         self._ready[reader] = None
 
     def fileno(self) -> int:
         """Return the descriptor that is readable when :meth:`dispatch` has work."""
-        return int(self._selector.fileno())
+        fileno = self._poller.fileno()
+        assert fileno is not None
+        return fileno
 
     def dispatch(self) -> None:
         """Receive, and call ``on_ready`` of each reader that received something."""
@@ -131,12 +139,12 @@ class RtpsMiddleware(Middleware):
             return
         self._is_receiving = True  # dispatch_local follows: nothing needs to be woken
         try:
-            ready = [key.fd for key, _ in self._selector.select(0)]
+            ready = self._poller.poll(0)
             if len(ready) > 1:
                 # What announces a writer comes before its first sample.
-                ready.sort(key=list(self._handlers).index)
-            for fileno in ready:
-                self._handlers[fileno]()
+                ready.sort(key=self._receivers.index)
+            for receive in ready:
+                receive()
         except BaseException:
             self._wakeup.set()  # for what was received before
             raise
@@ -146,6 +154,8 @@ class RtpsMiddleware(Middleware):
 
     def dispatch_local(self) -> None:
         """Call ``on_ready`` of each reader that has a sample."""
+        if not self._ready:
+            return
         for reader in list(self._ready):
             if reader not in self._ready:
                 continue  # closed meanwhile
@@ -160,15 +170,23 @@ class RtpsMiddleware(Middleware):
             self._wakeup.set()  # they asked for another turn
 
     def flush(self) -> None:
-        """Send the samples that writers hold back."""
-        for domain in self._domains.values():
-            domain.flush()
+        """Send what is held back."""
+        unsent = self.unsent
+        while unsent:
+            unsent.pop().flush()
 
     def next_deadline(self) -> float | None:
         """Return when :meth:`tick` has work (``time.monotonic``), or None."""
-        deadlines = [domain.next_deadline() for domain in self._domains.values()]
-        deadlines += [graph.paced.due for graph in self._graphs]
-        return min((at for at in deadlines if at is not None), default=None)
+        deadline = None
+        for domain in self._domains.values():  # in each turn: without a generator
+            at = domain.next_deadline()
+            if at is not None and (deadline is None or at < deadline):
+                deadline = at
+        for graph in self._graphs:
+            at = graph.paced.due
+            if at is not None and (deadline is None or at < deadline):
+                deadline = at
+        return deadline
 
     def tick(self) -> None:
         """Do what is due by time: announcements, heartbeats, acknowledgements, the graph."""
@@ -187,5 +205,5 @@ class RtpsMiddleware(Middleware):
         for domain in self._domains.values():
             domain.close()
         self._ready.clear()
-        self._selector.close()
+        self._poller.close()
         self._wakeup.close()

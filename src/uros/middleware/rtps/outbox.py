@@ -45,37 +45,34 @@ class Outbox:
         self._message_size = message_size
         self._pending: dict[tuple[Locator, bytes], list[bytes]] = {}
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether :meth:`flush` has nothing to do, and there is no datagram."""
+        return not (self._pending or self.burst or self.datagrams)
+
     def add(self, guid: bytes, octets: bytes) -> None:
         """Queue submessages for a remote endpoint."""
-        place = self._place_of(guid)
-        if place is not None:
-            self._pending.setdefault(place, []).append(octets)
+        remote = self._remotes.get(guid[: ids.PREFIX_SIZE])
+        place = None if remote is None else remote.place_of(guid)
+        if remote is not None and place is not None:
+            self._pending.setdefault((place, remote.prefix), []).append(octets)
 
     def add_packets(self, writer: StatefulWriter, packets: Iterable[Packet]) -> None:
         """Queue packets of a writer for the readers that they are for."""
-        everybody: list[tuple[Locator, bytes]] | None = None
-        for packet in packets:
-            if packet.reader is not None:
-                place = self._place_of(packet.reader)
-                places = [] if place is None else [place]
-            else:
-                if everybody is None:
-                    found = map(self._place_of, writer.readers)
-                    everybody = list(dict.fromkeys(place for place in found if place is not None))
-                places = everybody
-            octets = packet.submessages
-            if packet.time_ns is not None:
-                octets = submessages.encode_info_ts(packet.time_ns) + octets
-            for place in places:
-                self._pending.setdefault(place, []).append(octets)
-
-    def _place_of(self, guid: bytes) -> tuple[Locator, bytes] | None:
-        """Where a remote endpoint receives, and its participant's prefix."""
-        remote = self._remotes.get(guid[: ids.PREFIX_SIZE])
-        if remote is None:
-            return None
-        place = remote.place_of(guid)
-        return None if place is None else (place, remote.prefix)
+        for reader, octets, time_ns in packets:
+            if time_ns is not None:
+                octets = submessages.encode_info_ts(time_ns) + octets
+            if reader is not None:
+                self.add(reader, octets)
+                continue
+            places: dict[tuple[Locator, bytes], None] = {}
+            for guid in writer.readers:  # readers of one participant share a message
+                remote = self._remotes.get(guid[: ids.PREFIX_SIZE])
+                place = None if remote is None else remote.place_of(guid)
+                if remote is not None and place is not None:
+                    places[place, remote.prefix] = None
+            for key in places:
+                self._pending.setdefault(key, []).append(octets)
 
     def forget(self, remote: RemoteParticipant) -> None:
         """Drop what is queued for a participant."""
@@ -84,8 +81,6 @@ class Outbox:
 
     def flush(self) -> None:
         """Make datagrams of what is queued, with a heartbeat behind each burst of samples."""
-        if not self._pending and not self.burst:
-            return
         for writer in self.burst:
             self.add_packets(writer, writer.heartbeats_for_burst())
         self.burst.clear()
@@ -93,12 +88,19 @@ class Outbox:
         for (place, prefix), parts in pending.items():
             remote = self._remotes[prefix]
             begin = self._head + submessages.encode_info_dst(prefix)
-            messages = [begin]
+            room = self._message_size - len(begin)
+            octets = 0
+            message = [begin]
             for part in parts:
-                size = len(messages[-1])
-                if size + len(part) > self._message_size and size > len(begin):
-                    messages.append(begin)
-                messages[-1] += part
-            self.datagrams += [
-                (message, place) for message in messages if remote.may_send(len(message))
-            ]
+                octets += len(part)
+                if octets > room and len(message) > 1:
+                    self._finish(message, place, remote)
+                    message = [begin]
+                    octets = len(part)
+                message.append(part)
+            self._finish(message, place, remote)
+
+    def _finish(self, parts: list[bytes], place: Locator, remote: RemoteParticipant) -> None:
+        message = b"".join(parts)
+        if remote.may_send(len(message)):
+            self.datagrams.append((message, place))

@@ -178,6 +178,11 @@ class Participant:
         self._endpoints.add(made.reader)
         return made
 
+    @property
+    def has_output(self) -> bool:
+        """Whether something waits to be sent, flushed or not."""
+        return not self._outbox.is_empty
+
     def take_datagrams(self) -> list[tuple[bytes, Locator]]:
         """Return the datagrams to send, each with where to."""
         datagrams, self._outbox.datagrams = self._outbox.datagrams, []
@@ -314,11 +319,10 @@ class Participant:
         self.on_participant(remote.data, False)
 
     def _remove_endpoint(self, remote: RemoteParticipant, guid: bytes) -> None:
-        endpoint = remote.endpoints.pop(guid, None)
+        endpoint = remote.remove(guid)
         if endpoint is None:
             return
         self._remote_endpoints.remove(endpoint)
-        remote.answers_to.pop(guid, None)
         self._known.give_back(cost(endpoint), remote.prefix)
         for ours in self._endpoints.counterparts(endpoint):
             ours.state.unmatch(guid)
@@ -388,10 +392,8 @@ class Participant:
         """
         guid = remote.prefix + submessage.reader
         writer = self.writers.get(submessage.writer)
-        if places and writer is not None and guid in writer.state.readers:
-            remote.answers_to[guid] = places
-        else:
-            remote.answers_to.pop(guid, None)
+        is_known = writer is not None and guid in writer.state.readers
+        remote.answer_to(guid, places if is_known else ())
 
     def _dispatch(
         self, remote: RemoteParticipant, submessage: Submessage, now: float, source_ns: int
@@ -449,7 +451,7 @@ class Participant:
             if remote.data != announced:
                 if not self._exchange(cost(remote.data), cost(announced), prefix):
                     return
-                remote.data = announced
+                remote.announce(announced)
                 self._match_builtin(remote, now)
                 self.on_participant(announced, True)
             return
@@ -531,7 +533,7 @@ class Participant:
         before = 0 if known is None else cost(known)
         if not self._exchange(before, cost(endpoint), remote.prefix):
             return
-        remote.endpoints[endpoint.guid] = endpoint
+        remote.add(endpoint)
         self._remote_endpoints.add(endpoint)
         for ours in self._endpoints.counterparts(endpoint):
             self._match(ours, endpoint, self._now)

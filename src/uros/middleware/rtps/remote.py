@@ -71,13 +71,15 @@ class RemoteParticipant:
     """A participant that was heard.
 
     Attributes:
-        data: What it announces of itself.
+        prefix: Its GUID prefix.
+        data: What it announces of itself; see :meth:`announce`.
         heard: The addresses that it was heard from, the first one first.
         lease: Seconds without a sign of life after which it is gone.
         since: When it was heard first.
         expires: When it counts as gone.
-        endpoints: Its endpoints by GUID.
-        answers_to: Where its readers want answers, by GUID, if not at their locators (INFO_REPLY).
+        endpoints: Its endpoints by GUID; see :meth:`add` and :meth:`remove`.
+        answers_to: Where its readers want answers, by GUID, if not at their locators (INFO_REPLY);
+            see :meth:`answer_to`.
         received: Octets that came from it.
         announced_at: When we announced ourselves to it alone.
         is_proven: Whether it has answered us, and so receives what is sent to its address.
@@ -86,6 +88,7 @@ class RemoteParticipant:
     """
 
     def __init__(self, data: ParticipantData, now: float) -> None:
+        self.prefix = data.guid[: ids.PREFIX_SIZE]
         self.data = data
         self.since = now
         self.heard: dict[str, None] = {}
@@ -98,6 +101,8 @@ class RemoteParticipant:
         self.is_proven = False
         self.lacks_announcement = False
         self._sent = 0  # octets, until it is proven
+        # What place_of() has found, by GUID: it is asked for each sample.
+        self._places: dict[bytes, Locator | None] = {}
 
     def next_deadline(self) -> float:
         """Return when it counts as gone."""
@@ -122,14 +127,38 @@ class RemoteParticipant:
         self._sent += octets
         return True
 
-    @property
-    def prefix(self) -> bytes:
-        """Its GUID prefix."""
-        return self.data.guid[: ids.PREFIX_SIZE]
+    def announce(self, data: ParticipantData) -> None:
+        """Note what it announces of itself now."""
+        self.data = data
+        self._places.clear()
+
+    def add(self, endpoint: EndpointData) -> None:
+        """Add an endpoint, or replace what was announced of it before."""
+        self.endpoints[endpoint.guid] = endpoint
+        self._places.pop(endpoint.guid, None)
+
+    def remove(self, guid: bytes) -> EndpointData | None:
+        """Remove an endpoint; return it, or None if there is none."""
+        self.answers_to.pop(guid, None)
+        self._places.pop(guid, None)
+        return self.endpoints.pop(guid, None)
+
+    def answer_to(self, guid: bytes, places: tuple[Locator, ...]) -> None:
+        """Note where a reader wants answers; empty: at its locators."""
+        if self.answers_to.get(guid, ()) == places:
+            return
+        self._places.pop(guid, None)
+        if places:
+            self.answers_to[guid] = places
+        else:
+            del self.answers_to[guid]
 
     def hear(self, source: str) -> None:
         """Note an address that it was heard from."""
-        self.heard.setdefault(source)
+        if source in self.heard:
+            return
+        self.heard[source] = None
+        self._places.clear()
         if len(self.heard) > MAX_ADDRESSES:
             del self.heard[next(iter(self.heard))]
 
@@ -168,12 +197,20 @@ class RemoteParticipant:
         """Send no longer to an address, if it was heard from another one too."""
         if len(self.heard) > 1:
             self.heard.pop(address, None)
+            self._places.clear()
 
     def place_of(self, guid: bytes) -> Locator | None:
         """Return where one of its endpoints receives; builtin ones by their participant."""
+        try:
+            return self._places[guid]
+        except KeyError:
+            pass
         endpoint = self.endpoints.get(guid)
         if guid in self.answers_to:
-            return self.place(self.answers_to[guid])
-        if endpoint is None:
-            return self.place(self.data.metatraffic_unicast)
-        return self.place(endpoint.unicast or self.data.default_unicast)
+            announced: Iterable[Locator] = self.answers_to[guid]
+        elif endpoint is None:
+            announced = self.data.metatraffic_unicast
+        else:
+            announced = endpoint.unicast or self.data.default_unicast
+        place = self._places[guid] = self.place(announced)
+        return place

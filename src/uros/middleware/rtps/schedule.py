@@ -40,10 +40,12 @@ class Schedule(Generic[ItemT]):
         """Forget an item; idempotent."""
         self._touched.pop(item, None)
         self._due.pop(item, None)
+        self._drop_outdated()
 
     def next_deadline(self) -> float | None:
         """Return the earliest deadline, or None."""
-        self._update()
+        if self._touched:
+            self._update()
         return self._heap[0][0] if self._heap else None
 
     def take_due(self, now: float) -> list[ItemT]:
@@ -52,7 +54,8 @@ class Schedule(Generic[ItemT]):
         The caller does what is due; the items are asked for their deadlines again after that.
         """
         found = []
-        self._update()
+        if self._touched:
+            self._update()
         while self._heap and self._heap[0][0] <= now:
             _, _, item = heapq.heappop(self._heap)
             del self._due[item]

@@ -83,7 +83,7 @@ class RtpsRequester(Requester):
         on_ready: Called by a dispatch after replies have come.
     """
 
-    __slots__ = ("_client_id", "_parser", "_reader", "_writer")
+    __slots__ = ("_client_id", "_identities", "_parser", "_reader", "_writer")
 
     def __init__(
         self, domain: RtpsDomain, service: Service, qos: QoSProfile, on_ready: OnReady
@@ -99,6 +99,8 @@ class RtpsRequester(Requester):
         except BaseException:
             self._reader.close()
             raise
+        # Who a reply may be for; see _Parser.parse.
+        self._identities = (self._reader.guid, self._writer.guid, self._client_id + bytes(8))
 
     @property
     def endpoints(self) -> tuple[RtpsWriter, RtpsReader]:
@@ -138,19 +140,18 @@ class RtpsRequester(Requester):
 
     def take(self, limit: int) -> list[tuple[int, bytes]]:
         """Take replies to own requests."""
-        own = (self._reader.guid, self._writer.guid, self._client_id + bytes(8))
+        replies: list[tuple[int, bytes]] = []
         for _ in range(_MAX_MISSES):
-            taken = self._reader.take_samples(limit)
-            parsed = [self._parser.parse(sample) for sample in taken]
-            replies = [
-                (identity[1], identity[2])
-                for identity in parsed
-                if identity is not None and identity[0] in own
-            ]
-            if replies or not taken:
+            wanted = limit - len(replies)
+            taken = self._reader.take_samples(wanted)
+            for sample in taken:
+                parsed = self._parser.parse(sample)
+                if parsed is not None and parsed[0] in self._identities:
+                    replies.append(parsed[1:])
+            if len(taken) < wanted or len(replies) == limit:
                 return replies
         self.again()
-        return []
+        return replies
 
     def arrived(self, limit: int) -> list[int]:
         """Return the octets of samples that have arrived and were not asked for before."""
@@ -205,14 +206,16 @@ class RtpsReplier(Replier):
 
     def take(self, limit: int) -> list[tuple[bytes, int, bytes]]:
         """Take requests, each with its client's identity."""
+        requests: list[tuple[bytes, int, bytes]] = []
         for _ in range(_MAX_MISSES):
-            taken = self._reader.take_samples(limit)
+            wanted = limit - len(requests)
+            taken = self._reader.take_samples(wanted)
             parsed = [self._parser.parse(sample) for sample in taken]
-            requests = [identity for identity in parsed if identity is not None]
-            if requests or not taken:
+            requests += [request for request in parsed if request is not None]
+            if len(taken) < wanted or len(requests) == limit:
                 return requests
         self._reader.again()
-        return []
+        return requests
 
     def reply(self, guid: bytes, sequence: int, cdr: bytes | bytearray | memoryview) -> bool:
         """Send a reply; False where there is no room.

@@ -47,6 +47,7 @@ class DomainSockets:
         multicast: Where all participants of the domain receive announcements; empty without.
         peers: Further places to announce to.
         send_errors: Datagrams that the system did not take, by ``errno``.
+        unreachable: Addresses that no interface has reached; the caller clears it.
         scan_at: When :meth:`scan` is due (``time.monotonic``); None: never.
         notices: What the user should know.
 
@@ -73,6 +74,7 @@ class DomainSockets:
         self.multicast: list[Locator] = []
         self.peers = list(settings.peers)
         self.send_errors: Counter[int] = Counter()
+        self.unreachable: set[str] = set()
         self.scan_at: float | None = None
         self.notices = list(settings.notices)
         self._settings = settings
@@ -80,7 +82,6 @@ class DomainSockets:
         self._interfaces: list[Interface] = []
         self._sockets: dict[int, IpSockets] = {}
         self._receiving: dict[int, tuple[int, socket.socket]] = {}  # by descriptor
-        self._unreachable: set[str] = set()
         self._buffer = bytearray(_LARGEST)
         self._view = memoryview(self._buffer)
         if settings.is_off:
@@ -250,13 +251,8 @@ class DomainSockets:
         except OSError as error:
             self.send_errors[error.errno or 0] += 1
             if error.errno in _UNREACHABLE and not place.is_multicast:
-                self._unreachable.add(place.address)
+                self.unreachable.add(place.address)
         return True
-
-    def take_unreachable(self) -> set[str]:
-        """Return the addresses that no interface has reached since the last call."""
-        found, self._unreachable = self._unreachable, set()
-        return found
 
     def close(self) -> None:
         """Close the sockets; idempotent."""

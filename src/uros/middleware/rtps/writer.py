@@ -57,6 +57,8 @@ class StatefulWriter:
         guid: Its GUID.
         reliable: Whether it sends again what is lost.
         readers: Its matched readers by GUID.
+        reliable_readers: Those of them that acknowledge.
+        transient_local: Whether late readers get what is in the history.
         last: The last sequence number written; 0: none.
         on_change: Called with the writer when its deadline may have changed other than by a poll.
 
@@ -88,9 +90,10 @@ class StatefulWriter:
         self.guid = guid
         self.reliable = reliable
         self.readers: dict[bytes, ReaderProxy] = {}
+        self.reliable_readers: dict[bytes, ReaderProxy] = {}
         self.last = 0
         self.on_change: Callable[[StatefulWriter], None] = lambda writer: None
-        self._transient_local = transient_local
+        self.transient_local = transient_local
         self._depth = depth
         self._limit = limit
         self._fragment_size = fragment_size
@@ -125,12 +128,13 @@ class StatefulWriter:
             return []
         self.on_change(self)
         self._drop_expired(now)
-        late = wants_history and self._transient_local and bool(self._history)
+        late = wants_history and self.transient_local and bool(self._history)
         first = next(iter(self._history)) if late else self.last + 1
         proxy = self.readers[guid] = ReaderProxy(
             guid, reliable and self.reliable, first, self.last, wants_header, now
         )
         if proxy.reliable:
+            self.reliable_readers[guid] = proxy
             self._schedule_heartbeat(proxy, now)
             return [Packet(guid, self._heartbeat(proxy), None)]
         if not late:
@@ -145,6 +149,7 @@ class StatefulWriter:
     def unmatch(self, guid: bytes) -> None:
         """Remove a reader; idempotent."""
         if self.readers.pop(guid, None) is not None:
+            self.reliable_readers.pop(guid, None)
             self.on_change(self)
             self._trim()
 
@@ -153,6 +158,7 @@ class StatefulWriter:
         guids = [guid for guid in self.readers if guid.startswith(prefix)]
         for guid in guids:
             del self.readers[guid]
+            self.reliable_readers.pop(guid, None)
         if guids:
             self.on_change(self)
             self._trim()
@@ -161,9 +167,9 @@ class StatefulWriter:
 
     def has_room(self) -> bool:
         """Return whether a sample can be written: False with ``depth`` None and a full history."""
-        if not self._is_full():
+        if self._depth is not None or not self._is_full():
             return True
-        if self._transient_local:  # the oldest that all readers have makes room
+        if self.transient_local:  # the oldest that all readers have makes room
             return self._acked() >= next(iter(self._history))
         return False
 
@@ -175,11 +181,7 @@ class StatefulWriter:
     def _acked(self) -> int:
         """The number up to which all readers have everything that is kept for them."""
         return min(
-            (
-                proxy.acked
-                for proxy in self.readers.values()
-                if proxy.reliable and not proxy.is_stalled
-            ),
+            (proxy.acked for proxy in self.reliable_readers.values() if not proxy.is_stalled),
             default=self.last,
         )
 
@@ -207,26 +209,25 @@ class StatefulWriter:
         Returns:
             What is to be sent.
         """
-        self.on_change(self)
         self.last += 1
+        reliable = self.reliable_readers
+        is_kept = bool(reliable) or self.transient_local
+        if not is_kept and not self.readers:
+            return []
         change = Change(
             self.last, payload, inline_qos, time_ns, readers, is_key, with_header,
             now + self._lifespan,
         )  # fmt: skip
-        waits = any(proxy.reliable for proxy in self.readers.values())
-        if self._transient_local or waits:
-            self._make_room()
-            self._history[self.last] = change
-            self._octets += change.octets
-        packets: list[Packet] = []
+        if is_kept:
+            self._keep(change)
         is_for_all = readers is None and with_header is None and not self._has_waiting()
-        if is_for_all and self.readers:
-            packets += self._data(change, None)
-        for proxy in self.readers.values():
+        packets = self._data(change, None) if is_for_all and self.readers else []
+        for proxy in (reliable if is_for_all else self.readers).values():
             if proxy.waits_until is not None:
                 self._schedule_heartbeat(proxy, now)
                 if proxy.heartbeat_pause == HEARTBEAT_FIRST and change.is_for(proxy.guid):
                     proxy.heartbeat_at = now  # it may know the writer by now
+                    self.on_change(self)
                 continue
             if not is_for_all and change.is_for(proxy.guid):
                 packets += self._data(change, proxy)
@@ -246,15 +247,15 @@ class StatefulWriter:
         """
         lacking = [
             proxy
-            for proxy in self.readers.values()
-            if proxy.reliable and proxy.acked < self.last and proxy.waits_until is None
+            for proxy in self.reliable_readers.values()
+            if proxy.acked < self.last and proxy.waits_until is None
         ]
         if not lacking:
             return []
         # With the DATA lost, it still shows that the writer is alive.
         liveliness = self._is_manual
         final = (
-            not self._transient_local
+            not self.transient_local
             and self._octets < _UNASKED_OCTETS
             and all(self.last - proxy.acked < _UNASKED for proxy in lacking)
         )
@@ -265,7 +266,18 @@ class StatefulWriter:
         ]
 
     def _has_waiting(self) -> bool:
-        return any(proxy.waits_until is not None for proxy in self.readers.values())
+        for proxy in self.reliable_readers.values():  # without a generator: for each sample
+            if proxy.waits_until is not None:
+                return True
+        return False
+
+    def _keep(self, change: Change) -> None:
+        """Add a sample to the history."""
+        if self._lifespan != math.inf or self._depth is None:
+            self.on_change(self)  # it may be the first to expire, or the last that finds room
+        self._make_room()
+        self._history[change.number] = change
+        self._octets += change.octets
 
     def _make_room(self) -> None:
         """Keep the history within its depth when one is added."""
@@ -291,7 +303,7 @@ class StatefulWriter:
     def _trim(self) -> None:
         """Drop what all reliable readers have, where no late reader wants it."""
         acked = self._acked()
-        if self._transient_local:
+        if self.transient_local:
             for number in [number for number in self._expiring if number <= acked]:
                 self.remove(number)
             return
@@ -303,7 +315,7 @@ class StatefulWriter:
 
     def history(self, now: float) -> list[Change]:
         """Return the samples that a late reader gets, oldest first."""
-        if not self._transient_local:
+        if not self.transient_local:
             return []
         self.on_change(self)
         self._drop_expired(now)
@@ -409,9 +421,9 @@ class StatefulWriter:
         if self._lifespan != math.inf and self._history:
             deadline = next(iter(self._history.values())).expires
         is_full = self._is_full()
-        for proxy in self.readers.values():
+        for proxy in self.reliable_readers.values():
             stalls_at = None
-            if is_full and proxy.reliable and not proxy.is_stalled and proxy.acked < self.last:
+            if is_full and not proxy.is_stalled and proxy.acked < self.last:
                 stalls_at = proxy.heard_at + _PATIENCE
             for at in (proxy.resend_at, proxy.heartbeat_at, proxy.waits_until, stalls_at):
                 if at is not None and (deadline is None or at < deadline):
@@ -423,14 +435,14 @@ class StatefulWriter:
         self._drop_expired(now)
         if self._is_full():
             self._give_up_stalled(now)
-        for proxy in list(self.readers.values()):
+        for proxy in list(self.reliable_readers.values()):
             if proxy.waits_until is not None and proxy.waits_until <= now:
                 self._begin(proxy, now)
             if proxy.resend_at is not None and proxy.resend_at <= now:
                 if self._repeats.available(now) > 0:
                     yield from self._resend(proxy, now)
-                    if proxy.guid in self.readers:  # behind the others that wait
-                        self.readers[proxy.guid] = self.readers.pop(proxy.guid)
+                    if proxy.guid in self.reliable_readers:  # behind the others that wait
+                        self.reliable_readers[proxy.guid] = self.reliable_readers.pop(proxy.guid)
                 else:
                     proxy.resend_at = now + _RESEND_PAUSE
             if proxy.heartbeat_at is not None and proxy.heartbeat_at <= now:
@@ -450,6 +462,7 @@ class StatefulWriter:
     def _schedule_heartbeat(self, proxy: ReaderProxy, now: float) -> None:
         if proxy.heartbeat_at is None:
             proxy.heartbeat_at = now + proxy.heartbeat_pause
+            self.on_change(self)
 
     def _heartbeat(
         self, proxy: ReaderProxy | None, liveliness: bool = False, final: bool = False
@@ -466,7 +479,7 @@ class StatefulWriter:
             reader, self._entity, first, last, self._counter & 0x7FFF_FFFF, final, liveliness
         )
 
-    def _data(self, change: Change, proxy: ReaderProxy | None) -> Iterator[Packet]:
+    def _data(self, change: Change, proxy: ReaderProxy | None) -> list[Packet]:
         """DATA, or DATA_FRAG of all fragments; for all readers, or for one in its form."""
         guid = None if proxy is None else proxy.guid
         reader = ids.ENTITY_UNKNOWN if guid is None else guid[ids.PREFIX_SIZE :]
@@ -475,10 +488,11 @@ class StatefulWriter:
             data = encode_data(
                 reader, self._entity, change.number, payload, inline_qos, change.is_key
             )
-            yield Packet(guid, data, change.time_ns)
-            return
-        for number in range(1, -(-len(payload) // self._fragment_size) + 1):
-            yield Packet(guid, self._fragment(change, proxy, number), change.time_ns)
+            return [Packet(guid, data, change.time_ns)]
+        return [
+            Packet(guid, self._fragment(change, proxy, number), change.time_ns)
+            for number in range(1, -(-len(payload) // self._fragment_size) + 1)
+        ]
 
     def _fragment(self, change: Change, proxy: ReaderProxy | None, number: int) -> bytes:
         payload, inline_qos = _form(change, proxy)

@@ -73,10 +73,9 @@ def test_waiting_samples_are_charged_until_they_are_taken():
     assert not backlog.check()
     assert backlog.octets == budget.since == octets(100, 200)
     assert not backlog.check() and budget.since == octets(100, 200)
-    backlog.took(len(reader.take(1)))
+    backlog.took(len(reader.take(1)), 1)
     assert backlog.octets == octets(200) and not backlog.empty
-    backlog.took(len(reader.take(5)))
-    backlog.took(len(reader.take(5)))
+    backlog.took(len(reader.take(5)), 5)
     assert not backlog.octets and backlog.empty
 
 
@@ -132,13 +131,13 @@ def test_the_count_covers_all_waiting_samples_and_is_zero_when_empty(steps):
                 pass
             assert backlog.octets >= octets(*reader.samples)
         else:
-            backlog.took(len(reader.take(count)))
+            backlog.took(len(reader.take(count)), count)
         assert backlog.octets <= octets(*[10] * 7)
     while backlog.check():
         pass
     backlog.empty = False
     while not backlog.empty:
-        backlog.took(len(reader.take(3)))
+        backlog.took(len(reader.take(3)), 3)
     assert not backlog.octets
 
 

@@ -250,7 +250,7 @@ def test_many_timers_due_at_once_do_not_delay_other_clients():
         assert 1 <= len(done) - before <= 8
     assert len(done) == 20 and turns >= 3
     server.agent.middleware.close()
-    server._selector.close()
+    server._poller.close()
     server._wake.close()
 
 

@@ -1,0 +1,82 @@
+"""The poller of this system and the one of selectors do the same."""
+
+import os
+import select
+import socket
+
+import pytest
+
+from uros import poller
+
+
+@pytest.fixture(params=[poller.create, poller.SelectorPoller], ids=["create", "selectors"])
+def polled(request):
+    made = request.param()
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def pair():
+    ends = socket.socketpair()
+    yield ends
+    for end in ends:
+        end.close()
+
+
+def test_what_is_readable_is_returned_until_it_is_read(polled, pair):
+    calls = []
+    polled.watch(pair[0].fileno(), lambda: calls.append(pair[0].recv(10)))
+    assert polled.poll(0) == []
+    pair[1].send(b"one")
+    (first,), (again,) = polled.poll(None), polled.poll(0)
+    assert first is again
+    first()
+    assert calls == [b"one"] and polled.poll(0) == []
+
+
+def test_a_second_watch_replaces_what_is_called_and_when(polled, pair):
+    def one():
+        pass
+
+    def other():
+        pass
+
+    polled.watch(pair[0].fileno(), one)
+    polled.watch(pair[0].fileno(), other, writing=True)
+    assert polled.poll(1) == [other]  # it can be written
+    polled.watch(pair[0].fileno(), one)
+    assert polled.poll(0) == []
+    pair[1].send(b"x")
+    assert polled.poll(1) == [one]
+
+
+def test_unwatch_forgets_and_may_be_repeated(polled, pair):
+    polled.watch(pair[0].fileno(), pytest.fail)
+    pair[1].send(b"x")
+    polled.unwatch(pair[0].fileno())
+    polled.unwatch(pair[0].fileno())
+    assert polled.poll(0) == []
+
+
+def test_a_number_of_a_closed_descriptor_is_watched_anew(polled):
+    """The system gives a new descriptor the lowest number that is free."""
+    reading, writing = os.pipe()
+    polled.watch(reading, pytest.fail)
+    polled.unwatch(reading)
+    os.close(reading)
+    os.close(writing)
+    again, writing = os.pipe()
+    assert again == reading
+    polled.watch(again, lambda: None)
+    os.write(writing, b"x")
+    assert len(polled.poll(1)) == 1
+    os.close(again)
+    os.close(writing)
+
+
+def test_a_descriptor_is_readable_while_one_of_its_own_is(polled, pair):
+    polled.watch(pair[0].fileno(), lambda: None)
+    assert not select.select([polled.fileno()], [], [], 0)[0]
+    pair[1].send(b"x")
+    assert select.select([polled.fileno()], [], [], 1)[0]
