@@ -23,9 +23,10 @@ TYPE: Final = "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_"
 SHORT_GID: Final = 16
 LONG_GID: Final = 24
 
-# The most nodes of a message and endpoints of a node, because a message may list thousands of nodes
-# without endpoints, each a node of the graph, or one node with thousands of endpoints.
-MAX_NODES: Final = 1000
+# The most nodes of a message and endpoints of a node, because a message may list any number of
+# nodes, each one of the graph, or one with thousands of endpoints. An agent announces a node for
+# each of up to 4096 clients.
+MAX_NODES: Final = 4096
 MAX_ENDPOINTS: Final = 2000
 # The longest name in octets, because a name may fill the sample. ROS allows 255 characters.
 MAX_TEXT: Final = 1024

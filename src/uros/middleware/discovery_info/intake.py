@@ -18,8 +18,9 @@ from ...token_bucket import TokenBucket
 from ..guid import participant_of
 from .codec import TOPIC, NodeEntities, decode, subject_of
 
-# The largest sample in octets. A container with a hundred nodes writes 70 kB.
-MAX_SAMPLE: Final = 128 * 1024
+# The largest sample in octets. A container with a hundred nodes writes 70 kB, an agent with 4096
+# boards of five endpoints each 450 kB.
+MAX_SAMPLE: Final = 512 * 1024
 # The most octets of all samples that are kept, and the most participants, because many participants
 # may each send as much as they may.
 MAX_KEPT: Final = 4 * 1024 * 1024

@@ -8,11 +8,13 @@ from typing import Final
 
 from ..discovery_info import codec
 from ..discovery_info.gid_size import GidSizeSelector
-from ..discovery_info.intake import MAX_UNREAD, Intake
+from ..discovery_info.intake import MAX_UNREAD, RATE, Intake
 from .endpoints import EndpointOwner, RtpsReader, RtpsWriter
 
 # A board creates its entities within a few milliseconds: one message for all. Seconds.
 _SETTLE: Final = 0.02
+# At least; each message tells of all nodes, and those of many follow as fast as another uros parses
+# them.
 _INTERVAL: Final = 0.1
 
 
@@ -54,7 +56,7 @@ class RtpsDiscoveryInfo:
         self._on_change = on_change
         self._gid_size = GidSizeSelector(number, gid_size, lambda size: self.changed(), notice)
         self._write_at: float | None = None
-        self._written_at = 0.0
+        self._write_next = 0.0  # at the earliest
         self._writer = RtpsWriter(owner, codec.TOPIC, codec.TYPE, codec.qos())
         self._read_again_at: float | None = None
         self._reader: RtpsReader | None = self._create_reader()
@@ -66,7 +68,7 @@ class RtpsDiscoveryInfo:
     def changed(self) -> None:
         """Schedule a message: nodes or endpoints were created or closed."""
         if self._write_at is None:
-            self._write_at = max(time.monotonic() + _SETTLE, self._written_at + _INTERVAL)
+            self._write_at = max(time.monotonic() + _SETTLE, self._write_next)
         self._on_change()
 
     def select_gid_size(self) -> None:
@@ -82,8 +84,8 @@ class RtpsDiscoveryInfo:
         """Write what has changed, and read again after a pause."""
         if self._write_at is not None and self._write_at <= now:
             sample = codec.encode(self._guid, self.nodes, self._gid_size.size)
-            self._written_at = now
-            self._write_at = None if self._writer.write(sample) else now + _INTERVAL
+            self._write_next = now + max(_INTERVAL, len(sample) / RATE)
+            self._write_at = None if self._writer.write(sample) else self._write_next
         if self._read_again_at is not None and self._read_again_at <= now:
             self._read_again_at = None
             self._reader = self._create_reader()

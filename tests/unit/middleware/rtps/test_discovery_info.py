@@ -17,6 +17,7 @@ from uros.middleware.rtps.reader import Sample
 from uros.qos import QoSProfile
 
 TYPE = "std_msgs::msg::dds_::String_"
+GUID = bytes(range(16))
 
 
 def names(domain, of):
@@ -63,17 +64,21 @@ def test_the_gid_size_follows_ros_participants(own_domain_id, monkeypatch):
     pair.close()
 
 
+class Clock:
+    """``time`` of the module, which stands still."""
+
+    def __init__(self, monkeypatch):
+        self.now = 1000.0
+        monkeypatch.setattr(discovery_info, "time", self)
+
+    def monotonic(self):
+        return self.now
+
+
 def test_changes_are_announced_at_most_ten_times_a_second_and_the_last_one_too(
     own_domain_id, monkeypatch
 ):
-    class Clock:
-        now = 1000.0
-
-        def monotonic(self):
-            return self.now
-
-    clock = Clock()
-    monkeypatch.setattr(discovery_info, "time", clock)
+    clock = Clock(monkeypatch)
     encoded = []
     encode = codec.encode
     monkeypatch.setattr(codec, "encode", lambda *args: encoded.append(encode(*args)) or encoded[-1])
@@ -96,6 +101,27 @@ def test_changes_are_announced_at_most_ten_times_a_second_and_the_last_one_too(
     count = len(encoded)
     info.tick(clock.now + 3600)
     assert len(encoded) == count  # no change, no announcement
+    middleware.close()
+
+
+def test_a_long_list_of_nodes_is_announced_as_fast_as_others_parse_it(own_domain_id, monkeypatch):
+    clock = Clock(monkeypatch)
+    encoded = []
+    encode = codec.encode
+    monkeypatch.setattr(codec, "encode", lambda *args: encoded.append(encode(*args)) or encoded[-1])
+    middleware = RtpsMiddleware()
+    middleware.create_node(own_domain_id, "/", "agent")
+    info = middleware._domains[own_domain_id].info
+    for number in range(2000):  # a board each millisecond
+        info.nodes.append(codec.NodeEntities("/", f"board_{number}", [GUID] * 2, [GUID] * 3))
+        info.changed()
+        clock.now += 0.001
+        info.tick(clock.now)
+    assert 0.5 * intake.RATE < sum(map(len, encoded[:-1])) / 2 < intake.RATE
+    while (due := info.next_deadline()) is not None:
+        clock.now = due
+        info.tick(clock.now)
+    assert len(codec.decode(encoded[-1])[1]) == 2001
     middleware.close()
 
 
