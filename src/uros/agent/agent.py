@@ -376,6 +376,7 @@ class Agent:
             client.session.mtu = mtu
             client.session.heard = self.now()
             client.session.reset()
+            client.refused.clear()
             self.attend(client.session)
             self.log.info("Root", "create_client", "session re-established", about)
         self._move(client, transport, peer)

@@ -212,6 +212,10 @@ class ReliableOut:
         """Return how many messages would be sent at once if given now."""
         return max(0, self.window - len(self._held))
 
+    def sent_at(self, number: int) -> "int | None":
+        """Return when a message in flight was last sent, in milliseconds; None for any other."""
+        return self._sent_at.get(number)
+
     def export(self, first: "int | None" = None) -> "tuple[int, int, int, dict[int, bytes]]":
         """Return the stream's state as plain values; `restore` takes them.
 

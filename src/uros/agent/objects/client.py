@@ -24,6 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from typing import Final
 
 from ...middleware.base import MiddlewareError
 from ...ticks import ticks_diff
@@ -54,6 +55,11 @@ from .representation import UnknownReference
 from .ros_graph import GraphEndpoint
 from .xml_profiles import ProfileError
 
+# The most refused objects of a client that are remembered, and the characters of a reason, because
+# a client may ask for any number of objects with names of any length.
+_MAX_REFUSED: Final = 16
+_MAX_WHY: Final = 200
+
 
 class ProxyClient:
     """A client of the agent; see the module.
@@ -77,6 +83,8 @@ class ProxyClient:
         self.born = agent.clock.monotonic()
         # The client's own time minus ours, in seconds, when its last TIMESTAMP came.
         self.clock_offset: float | None = None
+        # Why the objects that it wanted and does not have were refused, by their ids.
+        self.refused: dict[int, str] = {}
         self._agent = agent
         self._known = Known(self.objects, agent.references)
         self._factory = ObjectFactory(agent, self.objects, self._known)
@@ -203,6 +211,8 @@ class ProxyClient:
         self._status(request_id, object_id, status, stream)
 
     def _refused(self, kind: int, object_id: int, why: str) -> None:
+        if object_id not in self.objects and len(self.refused) < _MAX_REFUSED:
+            self.refused[object_id] = why[:_MAX_WHY]
         times = self._agent.faults.times(f"{self.key:08X} {object_id:04X} {why[:80]}")
         if times is None:
             return  # a board may try again and again, as fast as it can
@@ -249,6 +259,7 @@ class ProxyClient:
             raise TooMany("the memory for all clients is used up (see --max-memory)")
         about = self._factory.create(self, obj)
         self.objects[object_id] = obj
+        self.refused.pop(object_id, None)
         self._kept += obj.kept
         if self._agent.session_store is not None:
             self._agent.session_store.created(self, obj, (form, content, kind, parent, little))
@@ -310,6 +321,7 @@ class ProxyClient:
                 lambda w: messages.push_status(w, request_id, object_id, status),
             )  # fmt: skip
             return
+        self.refused.pop(object_id, None)  # the client no longer wants it
         obj = self.objects.get(object_id)
         if obj is None:
             status = ids.STATUS_ERR_UNKNOWN_REFERENCE

@@ -4,8 +4,10 @@ It is made in the server's thread, in pieces, so that boards are served between 
 four thousand clients has megabytes. Texts of clients, such as names, are cut to a length.
 
 ``clock_offset`` is the client's own time minus the agent's at its last TIMESTAMP, null before; a C
-client sends the time since its start there. ``rate`` is messages a second, over the last
-``rate_over`` seconds.
+client sends the time since its start there. ``rate`` is messages a second, and ``recent`` are
+counts, over the last ``rate_over`` seconds. ``round_trip`` is the mean time in seconds, in that
+time, from the last sending of a message to its acknowledgement, null without one;
+``unacknowledged_for`` is the time since the oldest message without one was sent.
 """
 
 from __future__ import annotations
@@ -40,6 +42,20 @@ RATE_SECONDS: Final = 5.0
 SLICE: Final = 0.0003
 # Ticks wrap around: for longer silences the time of the marks is used.
 _TICKS_MS: Final = 3_600_000
+_END: Final = object()
+
+
+class Counts(NamedTuple):
+    """The counters of a client, in all or over some time: messages, and their round trips."""
+
+    received: int
+    sent: int
+    lost: int
+    given_up: int
+    resent: int
+    dropped: int
+    acknowledged: int
+    round_trips_ms: int
 
 
 class _Mark(NamedTuple):
@@ -47,10 +63,20 @@ class _Mark(NamedTuple):
 
     born: float
     when: float
-    received: int
-    sent: int
+    counts: Counts
     heard: int
     heard_at: float  # seconds of the monotonic clock, approximate
+
+
+_NONE: Final = Counts(0, 0, 0, 0, 0, 0, 0, 0)
+
+
+def _counts(client: ProxyClient) -> Counts:
+    session = client.session
+    return Counts(
+        session.received, session.sent, session.lost, session.given_up, session.resent,
+        session.dropped, session.acknowledged, session.round_trips_ms,
+    )  # fmt: skip
 
 
 # A session begins with a burst of CREATE messages, which no rate includes; and the shortest time of
@@ -75,14 +101,12 @@ class Rates:
             old = self._last.get(key)
             same = old is not None and old.born == client.born and old.heard == session.heard
             heard_at = old.heard_at if same and old is not None else now
-            marks[key] = _Mark(
-                client.born, now, session.received, session.sent, session.heard, heard_at
-            )
+            marks[key] = _Mark(client.born, now, _counts(client), session.heard, heard_at)
         self._before, self._last = self._last, marks
 
-    def of(self, client: ProxyClient, now: float) -> tuple[float, float, float]:
-        """Return the messages received and sent a second, and over how many seconds."""
-        since, received, sent = client.born, 0, 0
+    def recent(self, client: ProxyClient, now: float) -> tuple[Counts, float]:
+        """Return what was counted lately, and over how many seconds."""
+        since, before = client.born, _NONE
         # The longer time first; a client without a mark is younger.
         for mark in (self._before.get(client.key), self._last.get(client.key)):
             if (
@@ -91,11 +115,10 @@ class Rates:
                 and mark.when - client.born >= _CREATING_SECONDS
                 and now - mark.when >= _LEAST_SECONDS
             ):
-                since, received, sent = mark.when, mark.received, mark.sent
+                since, before = mark.when, mark.counts
                 break
-        over = max(now - since, 1e-3)
-        session = client.session
-        return (session.received - received) / over, (session.sent - sent) / over, over
+        counts = (now - then for now, then in zip(_counts(client), before, strict=True))
+        return Counts(*counts), max(now - since, 1e-3)
 
     def heard_ago(self, client: ProxyClient, now: float, ticks: int) -> float:
         """Return the seconds since the last message of the client."""
@@ -119,22 +142,14 @@ def pieces(server: Server, rates: Rates | None = None) -> Iterator[str]:
     """
     agent = server.agent
     rates = rates or Rates(agent.clients)
-    yield _text(_head(server))[:-1] + ',"clients":['
+    yield _text(head(server))[:-1] + ',"clients":['
     comma = ""
     for key in list(agent.clients):
         client = agent.clients.get(key)
         if client is not None:  # otherwise it left meanwhile
             yield comma + _text(_client(server, client, rates))
             comma = ","
-    now = agent.clock.monotonic()
-    refused = [
-        {
-            "key": key_label(key), "why": cut(refusal.why), "address": cut(refusal.address),
-            "times": refusal.times, "ago": round(now - refusal.when, 3),
-        }
-        for key, refusal in list(agent.refusals.items())
-    ]  # fmt: skip
-    yield '],"refused":' + _text(refused) + "}\n"
+    yield '],"refused":' + _text(refused(server)) + "}\n"
 
 
 def snapshot(server: Server) -> dict[str, Any]:
@@ -148,18 +163,29 @@ def gather(server: Server, done: Callable[[str], None], is_wanted: Callable[[], 
 
     It stops once ``is_wanted`` returns False.
     """
-    texts: list[str] = []
-    more = pieces(server)
+
+    def steps() -> Iterator[None]:
+        texts = []
+        for piece in pieces(server):
+            texts.append(piece)
+            yield
+        done("".join(texts))
+
+    run_in_slices(server, steps(), is_wanted)
+
+
+def run_in_slices(server: Server, steps: Iterator[None], is_wanted: Callable[[], bool]) -> None:
+    """Run an iterator to its end in the server's thread while boards are served.
+
+    It stops once ``is_wanted`` returns False.
+    """
     monotonic = server.clock.monotonic
 
     def work() -> None:
         end = monotonic() + SLICE
         while is_wanted():
-            piece = next(more, None)
-            if piece is None:
-                done("".join(texts))
+            if next(steps, _END) is _END:
                 return
-            texts.append(piece)
             if monotonic() >= end:
                 server.wake_at(0.0, work)
                 return
@@ -171,7 +197,8 @@ def _text(value: object) -> str:
     return json.dumps(value, separators=(",", ":"))
 
 
-def _head(server: Server) -> dict[str, Any]:
+def head(server: Server) -> dict[str, Any]:
+    """Return the state of the agent itself."""
     agent = server.agent
     return {
         "version": VERSION,
@@ -182,8 +209,22 @@ def _head(server: Server) -> dict[str, Any]:
         "cpu": round(agent.clock.process_time(), 3),
         "fds": descriptors(),
         "limits": dataclasses.asdict(agent.limits),
+        "max_clients": agent.admission.max_clients,
+        "memory_full": agent.budget.full,
         "transports": [_transport(transport) for transport in server.transports],
     }
+
+
+def refused(server: Server) -> list[dict[str, Any]]:
+    """Return the clients that were refused, the latest last."""
+    now = server.agent.clock.monotonic()
+    return [
+        {
+            "key": key_label(key), "why": cut(refusal.why), "address": cut(refusal.address),
+            "times": refusal.times, "ago": round(now - refusal.when, 3),
+        }
+        for key, refusal in list(server.agent.refusals.items())
+    ]  # fmt: skip
 
 
 def _transport(transport: ServerTransport) -> dict[str, Any]:
@@ -196,49 +237,63 @@ def _transport(transport: ServerTransport) -> dict[str, Any]:
 
 
 def _client(server: Server, client: ProxyClient, rates: Rates) -> dict[str, Any]:
+    entry = board(server, client, rates)
+    with_endpoints = [obj for obj in client.objects.values() if obj.endpoint is not None]
+    entry["endpoints"] = [
+        _endpoint(obj, obj.endpoint)
+        for obj in with_endpoints[:MAX_ENDPOINTS]
+        if obj.endpoint is not None
+    ]
+    if len(with_endpoints) > MAX_ENDPOINTS:
+        entry["endpoints_left_out"] = len(with_endpoints) - MAX_ENDPOINTS
+    return entry
+
+
+def board(server: Server, client: ProxyClient, rates: Rates) -> dict[str, Any]:
+    """Return the state of a client without its endpoints."""
     agent, session = server.agent, client.session
     transport, peer = agent.place(client.key)
-    now = agent.clock.monotonic()
-    rate_in, rate_out, over = rates.of(client, now)
+    now, ticks = agent.clock.monotonic(), agent.now()
+    recent, over = rates.recent(client, now)
     unacknowledged, stalled, early, fragments = session.queues()
-    with_endpoints = [obj for obj in client.objects.values() if obj.endpoint is not None]
-    entry = {
+    return {
         "key": key_label(client.key),
         "session_id": f"0x{session.session_id:02X}",
         "transport": transport.name,
         "address": cut(transport.address(peer)),
         "mtu": session.mtu,
         "age": round(now - client.born, 3),
-        "heard_ago": round(rates.heard_ago(client, now, agent.now()), 3),
+        "heard_ago": round(rates.heard_ago(client, now, ticks), 3),
+        "line_lost": transport.is_away(peer),
+        "unanswered": agent.liveliness.is_unanswered(client),
         "nodes": [
             {"name": cut(obj.named[0]), "domain": int(obj.named[1])}
             for obj in client.objects.values()
             if obj.kind == ids.KIND_PARTICIPANT and obj.node is not None
         ],
         "objects": Counter(KIND_NAMES[obj.kind] for obj in client.objects.values()),
+        "refused_objects": {object_label(key): cut(why) for key, why in client.refused.items()},
+        "held": client.held(),
         "received": {
             "messages": session.received, "bytes": session.received_bytes, "lost": session.lost,
-            "given_up": session.given_up, "rate": round(rate_in, 2),
+            "given_up": session.given_up, "rate": round(recent.received / over, 2),
         },
         "sent": {
             "messages": session.sent, "bytes": session.sent_bytes, "resent": session.resent,
-            "dropped": session.dropped, "rate": round(rate_out, 2),
+            "dropped": session.dropped, "rate": round(recent.sent / over, 2),
         },
+        "recent": recent._asdict(),
         "rate_over": round(over, 3),
+        "round_trip": round(recent.round_trips_ms / recent.acknowledged / 1000, 4)
+        if recent.acknowledged
+        else None,
+        "unacknowledged_for": session.unacknowledged_ms(ticks) / 1000,
         "queues": {
             "unacknowledged": unacknowledged, "stalled": stalled, "early": early,
             "fragments": fragments,
         },
-        "endpoints": [
-            _endpoint(obj, obj.endpoint)
-            for obj in with_endpoints[:MAX_ENDPOINTS]
-            if obj.endpoint is not None
-        ],
         "clock_offset": client.clock_offset,
     }  # fmt: skip
-    if len(with_endpoints) > MAX_ENDPOINTS:
-        entry["endpoints_left_out"] = len(with_endpoints) - MAX_ENDPOINTS
-    return entry
 
 
 def _endpoint(obj: XrceObject, endpoint: Endpoint) -> dict[str, Any]:

@@ -39,6 +39,8 @@ MAX_HARD_MS: Final = 3_600_000
 MAX_PROBED: Final = 64
 MAX_DELETED: Final = 16
 _REST_MS: Final = 20
+# A client that does not answer a probe for so long is told to be silent.
+ANSWER_MS: Final = 2000
 
 
 class _Silence:
@@ -68,6 +70,7 @@ class Liveliness:
         self._patience = min(self.dead_ms // 10, _PATIENCE_MS)
         self._silent: dict[ClientState, _Silence] = {}
         self._hard: dict[ClientState, tuple[int, _Silence]] = {}  # and the period
+        self._asked: dict[ClientState, _Silence] = {}  # see ask()
         # Milliseconds in which the process was running: the time between two checks that should
         # be `_pause` apart, but no more than a second over that.
         self._time = 0
@@ -98,6 +101,28 @@ class Liveliness:
             f"{about}, timeout: {period} ms",
         )  # fmt: skip
 
+    def ask(self, client: ClientState) -> None:
+        """Probe a silent client now, once in a silence, for :meth:`is_unanswered`.
+
+        This does not count towards the probes before the client is deleted.
+        """
+        asked = self._asked.get(client)
+        if asked is None or asked.heard != client.session.heard:
+            self._asked[client] = asked = _Silence(client.session.heard, self._time)
+            self._probe(client, asked, [1, 0])
+
+    def is_unanswered(self, client: ClientState) -> bool:
+        """Return whether a probe of the client has had no answer for :data:`ANSWER_MS`."""
+        hard = self._hard.get(client)
+        silences = (self._asked.get(client), self._silent.get(client), hard[1] if hard else None)
+        return any(
+            silence is not None
+            and silence.probes > 0
+            and silence.heard == client.session.heard
+            and (silence.probes > 1 or self._time - silence.probed_at >= ANSWER_MS)
+            for silence in silences
+        )
+
     def check(self) -> float:
         """Probe and delete clients; return the seconds until the next check."""
         now = self._agent.now()
@@ -106,6 +131,10 @@ class Liveliness:
             self._time += min(elapsed, self._pause + 1000)
         self._checked_at = now
         quota = [MAX_PROBED, MAX_DELETED]
+        for client, asked in list(self._asked.items()):
+            gone = self._agent.clients.get(client.key) is not client
+            if gone or asked.heard != client.session.heard:
+                del self._asked[client]
         if self._hard:
             self._check_hard(quota)
         if self.dead_ms and self._time >= self._next_check_all:

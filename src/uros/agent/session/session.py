@@ -113,9 +113,9 @@ class Session:
     __slots__ = (
         "_asking_since", "_best_effort_in", "_best_effort_out", "_budget", "_handler",
         "_heard_before", "_in", "_key_octets", "_limit", "_out", "_resumed", "_retry_at",
-        "_retry_ms", "_scratch", "_warned", "dropped", "given_up", "heard", "key", "lost", "mtu",
-        "outgoing", "received", "received_bytes", "resent", "sent", "sent_bytes", "session_id",
-        "writers",
+        "_retry_ms", "_scratch", "_warned", "acknowledged", "dropped", "given_up", "heard", "key",
+        "lost", "mtu", "outgoing", "received", "received_bytes", "resent", "round_trips_ms", "sent",
+        "sent_bytes", "session_id", "writers",
     )  # fmt: skip
 
     def __init__(
@@ -143,6 +143,9 @@ class Session:
         self.sent_bytes = 0
         self.resent = 0  # messages that were sent again, each time counts
         self.dropped = 0  # samples that found no room on a best-effort stream
+        # Acknowledgements of new messages, and the sum of their times since the last sending.
+        self.acknowledged = 0
+        self.round_trips_ms = 0
         self.outgoing: list[bytes] = []
         self.writers: dict[int, WriteSample] = {}  # datawriters' object ids
         self._handler: Handler = handler
@@ -401,6 +404,10 @@ class Session:
             return
         had_room = stream.available() > 0
         sent = stream.sent
+        sent_at = stream.sent_at((first - 1) & 0xFFFF)
+        if sent_at is not None:
+            self.acknowledged += 1
+            self.round_trips_ms += max(0, ticks_diff(now, sent_at))
         messages = stream.acknack(first, missing, now)
         self.resent += len(messages) - ((stream.sent - sent) & 0xFFFF)
         self.outgoing.extend(messages)
@@ -525,6 +532,11 @@ class Session:
             sum(len(incoming.stream.waiting) for incoming in self._in.values()),
             sum(incoming.fragments.pending for incoming in self._in.values()),
         )
+
+    def unacknowledged_ms(self, now: int) -> int:
+        """Return how long ago the oldest message without acknowledgement was last sent."""
+        sent = (stream.sent_at(stream.acked) for stream in self._out.values())
+        return max((ticks_diff(now, at) for at in sent if at is not None), default=0)
 
     def next_deadline(self) -> int | None:
         """Return when :meth:`poll` has something to do, or None."""

@@ -27,6 +27,7 @@ from unit.agent.helpers import (
     WRITER,
     Board,
     Desk,
+    by_reference,
     create,
     delete,
     endpoint,
@@ -43,6 +44,7 @@ from unit.agent.helpers import (
     subscriber_entities,
     topic,
     write_data,
+    xml,
 )
 
 from uros.agent.clock import Clock
@@ -805,6 +807,52 @@ def test_topics_of_other_names_and_domains_may_have_other_types(desk):
     Board(desk, 2, 0x22).ask(*publisher_entities("rt/other", STRING))
     Board(desk, 3, 0x33).ask(*publisher_entities(type_name=STRING, domain=5))
     assert "type differs" not in desk.log()
+
+
+def test_refused_objects_are_known_until_they_are_created_or_no_longer_wanted():
+    desk = Desk()
+    board = Board(desk)
+    other = oid(2, ids.KIND_TOPIC)
+    board.ask(topic(), topic(other))  # they have no participant
+    client = desk.agent.clients[board.key]
+    why = "its participant 0x001(1) does not exist"
+    assert client.refused == {TOPIC: why, other: why}
+    board.ask(participant(), topic())
+    assert client.refused == {other: why}
+    board.ask(delete(other))
+    assert client.refused == {}
+    desk.close()
+
+
+def test_a_refusal_to_replace_an_object_that_stays_is_no_missing_object():
+    desk = Desk()
+    board = Board(desk)
+    board.ask(*publisher_entities())
+    client = desk.agent.clients[board.key]
+    assert board.ask(xml(TOPIC, "<dds><topic", PARTICIPANT, flags=REPLACE)) == [INVALID]
+    assert client.refused == {}
+    desk.close()
+
+
+def test_a_session_that_is_established_again_has_no_refused_objects():
+    desk = Desk()
+    board = Board(desk)
+    board.ask(topic())
+    assert desk.agent.clients[board.key].refused
+    Board(desk)
+    assert not desk.agent.clients[board.key].refused
+    desk.close()
+
+
+def test_few_refused_objects_are_remembered_however_many_there_are():
+    desk = Desk()
+    board = Board(desk)
+    for number in range(1, 100):
+        board.send(topic(oid(number, ids.KIND_TOPIC)))
+        board.send(by_reference(oid(number, ids.KIND_DATAWRITER), "x" * 300, PUBLISHER))
+    refused = desk.agent.clients[board.key].refused
+    assert len(refused) == 16 and max(map(len, refused.values())) <= 200
+    desk.close()
 
 
 def test_refused_objects_write_a_limited_number_of_log_lines():

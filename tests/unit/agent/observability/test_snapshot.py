@@ -92,8 +92,8 @@ def test_a_board_with_a_publisher_and_a_subscription(owner):
         board.send(write_data(WRITER, SAMPLE))
     snapshot_taken = owner.see()
     assert set(snapshot_taken) == {
-        "version", "pid", "uptime", "middleware", "rss", "cpu", "fds", "limits", "transports",
-        "clients", "refused",
+        "version", "pid", "uptime", "middleware", "rss", "cpu", "fds", "limits", "max_clients",
+        "memory_full", "transports", "clients", "refused",
     }  # fmt: skip
     assert (snapshot_taken["version"], snapshot_taken["middleware"], snapshot_taken["refused"]) == (
         1,
@@ -109,8 +109,9 @@ def test_a_board_with_a_publisher_and_a_subscription(owner):
     assert (transport["name"], transport["kind"], transport["label"]) == ("TestAgent", "TEST", "")
     (client,) = snapshot_taken["clients"]
     assert set(client) == {
-        "key", "session_id", "transport", "address", "mtu", "age", "heard_ago", "nodes",
-        "objects", "received", "sent", "rate_over", "queues", "endpoints", "clock_offset",
+        "key", "session_id", "transport", "address", "mtu", "age", "heard_ago", "line_lost",
+        "unanswered", "nodes", "objects", "refused_objects", "held", "received", "sent", "recent",
+        "rate_over", "round_trip", "unacknowledged_for", "queues", "endpoints", "clock_offset",
     }  # fmt: skip
     assert (client["key"], client["session_id"]) == (f"0x{KEY:08X}", f"0x{SESSION:02X}")
     assert (client["transport"], client["address"], client["mtu"]) == ("TestAgent", "peer 1", 512)
@@ -270,6 +271,12 @@ def test_an_abandoned_long_message_is_counted(owner):
 # --- rates and times ----------------------------------------------------------------
 
 
+def rates_of(rates, client, now):
+    """Messages received and sent a second, and over how many seconds."""
+    recent, over = rates.recent(client, now)
+    return recent.received / over, recent.sent / over, over
+
+
 def test_rates_are_over_a_client_s_life_and_then_over_the_last_marks(owner):
     board = Board(owner.desk)
     board.ask(*publisher_entities())
@@ -277,19 +284,23 @@ def test_rates_are_over_a_client_s_life_and_then_over_the_last_marks(owner):
     client.born = 100.0
     client.session.received, client.session.sent = 50, 10
     rates = Rates(owner.agent.clients)
-    assert rates.of(client, 110.0) == (5.0, 1.0, 10.0)
+    assert rates_of(rates, client, 110.0) == (5.0, 1.0, 10.0)
     rates.mark(110.0)
     client.session.received += 100
-    assert rates.of(client, 110.5) == (150 / 10.5, 10 / 10.5, 10.5)  # the interval is too short
-    assert rates.of(client, 120.0) == (10.0, 0.0, 10.0)
+    assert rates_of(rates, client, 110.5) == (
+        150 / 10.5,
+        10 / 10.5,
+        10.5,
+    )  # the interval is too short
+    assert rates_of(rates, client, 120.0) == (10.0, 0.0, 10.0)
     rates.mark(115.0)
-    assert rates.of(client, 120.0) == (10.0, 0.0, 10.0)
+    assert rates_of(rates, client, 120.0) == (10.0, 0.0, 10.0)
     rates.mark(120.0)
     client.session.received += 20
-    assert rates.of(client, 125.0) == (2.0, 0.0, 10.0)
+    assert rates_of(rates, client, 125.0) == (2.0, 0.0, 10.0)
     # Another board with the key, or the same board after a reset.
     client.born, client.session.received = 124.0, 3
-    assert rates.of(client, 125.0) == (3.0, 10.0, 1.0)
+    assert rates_of(rates, client, 125.0) == (3.0, 10.0, 1.0)
 
 
 def test_creations_at_the_start_of_a_client_are_no_rate(owner):
@@ -301,12 +312,45 @@ def test_creations_at_the_start_of_a_client_are_no_rate(owner):
     rates = Rates(owner.agent.clients)
     rates.mark(100.5)  # in the middle of a snapshot
     client.session.received = 40
-    assert rates.of(client, 105.0) == (40 / 5, client.session.sent / 5, 5.0)
+    assert rates_of(rates, client, 105.0) == (40 / 5, client.session.sent / 5, 5.0)
     rates.mark(105.5)
     client.session.received = 80
-    assert rates.of(client, 109.5)[::2] == (10.0, 4.0)
+    assert rates_of(rates, client, 109.5)[::2] == (10.0, 4.0)
     rates.mark(110.5)
-    assert rates.of(client, 113.5)[2] == 8.0
+    assert rates_of(rates, client, 113.5)[2] == 8.0
+
+
+def test_all_counts_of_the_last_seconds(owner):
+    board = Board(owner.desk)
+    client = of(board)
+    client.born = 100.0
+    session = client.session
+    names = ("received", "sent", "lost", "given_up", "resent", "dropped", "acknowledged",
+             "round_trips_ms")  # fmt: skip
+    for number, name in enumerate(names):
+        setattr(session, name, 10 * number)
+    rates = Rates(owner.agent.clients)
+    rates.mark(110.0)
+    for number, name in enumerate(names):
+        setattr(session, name, 11 * number)
+    recent, over = rates.recent(client, 117.0)
+    assert (recent._asdict(), over) == ({name: i for i, name in enumerate(names)}, 7.0)
+
+
+def test_the_time_until_a_message_is_acknowledged(owner):
+    board = Board(owner.desk, polite=False)
+    assert (owner.client()["round_trip"], owner.client()["unacknowledged_for"]) == (None, 0.0)
+    board.ask(*publisher_entities())  # four answers on the reliable stream
+    owner.desk.wait(30)
+    assert (owner.client()["round_trip"], owner.client()["unacknowledged_for"]) == (None, 0.03)
+    board.send(acknack(2), stream=0)
+    assert owner.client()["round_trip"] == 0.03
+    owner.desk.wait(30)
+    board.send(acknack(2), stream=0)  # says nothing new
+    assert (owner.client()["round_trip"], owner.client()["unacknowledged_for"]) == (0.03, 0.06)
+    board.send(acknack(4), stream=0)
+    assert owner.client()["round_trip"] == 0.045  # the mean of 30 and 60 ms
+    assert owner.client()["unacknowledged_for"] == 0.0
 
 
 def test_silence_is_correct_after_ticks_have_wrapped(owner):

@@ -419,3 +419,65 @@ def test_of_two_silent_clients_the_one_that_answers_stays(transport):
         assert list(running.agent.clients) == [1]
         assert answering.ping() == 1
     assert "client is silent" in running.said.getvalue()
+
+
+# --- whether a client is told to be silent ------------------------------------------------
+
+
+def unanswered(board):
+    return board.desk.agent.liveliness.is_unanswered(of(board))
+
+
+def test_a_probe_is_unanswered_after_some_time_and_until_the_client_is_heard(desk):
+    board = Board(desk)
+    desk.wait(30 * SECOND)
+    assert not unanswered(board)
+    desk.wait(4 * SECOND)
+    assert unanswered(board)
+    board.send(get_info())
+    assert not unanswered(board)
+    desk.wait(SECOND)
+    assert not unanswered(board)
+
+
+def test_a_client_is_asked_at_once_and_once_in_a_silence(desk):
+    board = Board(desk)
+    for asked in range(2):
+        desk.wait(3 * SECOND)
+        assert not unanswered(board)
+        for _ in range(3):
+            desk.agent.liveliness.ask(of(board))
+        assert probe_count(desk.settle()) == 1
+        assert probe_count(desk.wait(4 * SECOND)) == 0
+        assert unanswered(board), asked
+        board.send(get_info())
+        assert not unanswered(board)
+
+
+def test_asking_does_not_shorten_the_dead_time():
+    desk = desk_with(dead_time=10)
+    board = Board(desk)
+    desk.wait(500)
+    desk.agent.liveliness.ask(of(board))
+    desk.settle()
+    desk.wait(9 * SECOND)
+    assert of(board) is not None
+    desk.wait(3 * SECOND)
+    assert board.key not in desk.agent.clients
+    desk.close()
+
+
+def test_a_client_that_has_left_is_no_longer_asked(desk):
+    board = Board(desk)
+    client = of(board)
+    desk.agent.liveliness.ask(client)
+    desk.agent.delete_client(board.key)
+    desk.wait(2 * SECOND)
+    assert not desk.agent.liveliness._asked
+
+
+def test_a_client_with_hard_liveliness_is_unanswered_too(desk):
+    board = Board(desk)
+    desk.hear(create_client(properties=[(module.HARD, "3000")]))
+    desk.wait(6 * SECOND)
+    assert unanswered(board)
