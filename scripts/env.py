@@ -38,6 +38,7 @@ ROS_PACKAGES = (
     "ros-kilted-sensor-msgs",
     "ros-kilted-geometry-msgs",
     "ros-kilted-nav-msgs",
+    "ros-kilted-diagnostic-msgs",
     "ros-kilted-test-msgs",
 )
 # For the agent with its ros2 middleware, and for the tests of it.
