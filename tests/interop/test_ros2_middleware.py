@@ -69,12 +69,14 @@ def test_the_middlewares_on_rclpy(ros_python, tests, least):
 class Agent:
     """``uros agent`` as a process. ``log`` has the lines of its log."""
 
-    def __init__(self, python, domain, middleware="auto", how="--stop-at-eof", **variables):
+    def __init__(
+        self, python, domain, middleware="auto", how="--stop-at-eof", more=(), **variables
+    ):
         self.middleware = middleware
         command = [python, "-m", "uros", "agent", "udp4", "-p", "0", "-m", middleware]
         with default_signals():
             self._process = subprocess.Popen(
-                [*map(str, command), "--domain", str(domain), how],
+                [*map(str, command), "--domain", str(domain), how, *more],
                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
                 env=dict(environment(), **variables),
             )  # fmt: skip

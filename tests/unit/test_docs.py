@@ -213,6 +213,7 @@ def test_the_import_rules_on_the_page_are_those_that_are_tested():
 
 def test_the_numbers_on_the_page_are_those_of_the_sources():
     from uros.agent import watchdog
+    from uros.agent.observability import diagnostics
     from uros.agent.persistence import journal, restore, session_store
     from uros.agent.policy import admission, key_conflict, liveliness, time_budget
     from uros.agent.policy.limits import Limits
@@ -249,6 +250,9 @@ def test_the_numbers_on_the_page_are_those_of_the_sources():
         ("a client with hard liveliness: query period; deleted",
          f"{liveliness.MIN_HARD_MS / 1000:g} s to an hour; after three queries"),
         ("a second client with the same key waits", f"{sum(key_conflict.WAIT_MS) / 1000:g} s"),
+        ("diagnostics: statuses in a message, in a second; a board that left, how many",
+         f"{diagnostics.GROUP}, {diagnostics.MAX_RATE};"
+         f" {diagnostics.LEFT_SECONDS:.0f} s, {diagnostics.MAX_LEFT}"),
         ("representations kept of one client; answers it does not acknowledge",
          f"{limits.representations >> 20} MiB; {session.MAX_ANSWERS >> 20} MiB"),
     ):  # fmt: skip

@@ -373,7 +373,8 @@ def test_importing_uros_and_its_help_load_nothing_heavy() -> None:
 LATE = (
     "persistence.session_store", "persistence.restore", "persistence.journal",
     "observability.capture", "observability.pcapng", "observability.prometheus",
-    "observability.format",
+    "observability.format", "observability.diagnostics", "observability.diagnostic_array",
+    "observability.health",
 )  # fmt: skip
 
 

@@ -9,7 +9,8 @@
 ``limits``         The options of ``uros agent`` about how much boards may use
 ``rules``          The options of ``uros agent`` about what boards get on the network
 ``state``          The option of ``uros agent`` about restarts
-``status_socket``  The options of ``uros agent`` about its status socket and its metrics
+``status_socket``  The options of ``uros agent`` about its status socket, its metrics and its
+                   diagnostics
 ``transports``     The transports of ``uros agent``: declares their options and creates them
 =================  ===============================================================================
 """
