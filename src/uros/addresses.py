@@ -22,6 +22,9 @@ _IF_INET6: Final = "/proc/net/if_inet6"
 # From the block for documentation (RFC 3849): a route to it is one to the Internet.
 _FAR_AWAY: Final = ("2001:db8::1", 9)
 
+# Linux: the groups of rtnetlink for links and for addresses of IPv4 and IPv6.
+_CHANGES: Final = 0x1 | 0x10 | 0x100
+
 # Flags of an interface.
 UP: Final = 0x1
 LOOPBACK: Final = 0x8
@@ -86,6 +89,26 @@ def interfaces() -> list[Interface]:
             if flags & UP:
                 found.append(Interface(name, index, flags, address, ipv6.get(name, ())))
     return found
+
+
+def change_socket() -> socket.socket | None:
+    """Return a socket that receives something when interfaces or addresses have changed.
+
+    It does not block; what it receives does not matter. None where the system has no such socket:
+    on systems other than Linux, and for programs on Android.
+    """
+    if sys.platform != "linux":
+        return None
+    sock = None
+    try:
+        sock = socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, socket.NETLINK_ROUTE)
+        sock.bind((0, _CHANGES))
+    except OSError:
+        if sock is not None:
+            sock.close()
+        return None
+    sock.setblocking(False)
+    return sock
 
 
 def ipv4_by_interface() -> dict[str, str]:

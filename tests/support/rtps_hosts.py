@@ -65,8 +65,8 @@ class Station:
             self.middleware.flush()
 
 
-def two(kind=RtpsMiddleware, links=(), **more):
-    udp.SCAN_PERIOD = 0.2
+def two(kind=RtpsMiddleware, links=(), scan_period=0.2, **more):
+    udp.SCAN_PERIOD = scan_period
     a, b = Host(), Host()
     for number, (left, right) in enumerate(links):
         link(a, b, number, left, right)
@@ -172,6 +172,23 @@ def a_network_that_is_away_for_a_moment_changes_nothing():
         one.host.ip("link set net0 up")
     machines.until(lambda: cdr(2) in other.samples and cdr(2) in one.samples)
     assert list(one.domain.participant.remotes.values()) == [before]
+
+
+def a_link_that_goes_at_either_end_is_left_at_once():
+    """Without a look at the interfaces now and then: the system tells of the change."""
+    links = [("10.9.1.1/24", "10.9.1.2/24"), ("10.9.2.1/24", "10.9.2.2/24")]
+    one, other, machines = two(links=links, scan_period=1000.0)
+    talk(one, other, machines, 1)
+    for number, station in enumerate((one, other), 2):
+        with station.host:
+            station.host.ip("link set net0 down")
+        machines.until(lambda: one.announced_by(other) == {"10.9.2.2"} == {*other.announced()})
+        machines.until(lambda: other.announced_by(one) == {"10.9.2.1"} == {*one.announced()})
+        talk(one, other, machines, number)
+        with station.host:
+            station.host.ip("link set net0 up")
+        machines.until(lambda: len(one.announced_by(other)) == len(other.announced_by(one)) == 2)
+    talk(one, other, machines, 4)
 
 
 def an_address_of_ours_that_vanishes_is_left():

@@ -26,8 +26,11 @@ from .network import NetworkSettings
 MAX_INDEX: Final = 119
 # Ports that the system gives for IPv4 and that may be taken on IPv6.
 _MAX_TRIES: Final = 16
-# Seconds between looks at the interfaces. A cable or a Wi-Fi that comes back is used after so long.
+# Seconds between looks at the interfaces. A cable or a Wi-Fi that comes back is used after so long,
+# where the system does not tell of it at once.
 SCAN_PERIOD: Final = 3.0
+# A link that comes and goes all the time: seconds between looks at least.
+_SCAN_PAUSE: Final = 0.1
 _LARGEST: Final = 65536
 # Attack: a flood of datagrams. A socket is drained up to so many, then others have their turn.
 _MAX_BURST: Final = 64
@@ -56,6 +59,7 @@ class DomainSockets:
         settings: What it uses of the network.
         now: The time (``time.monotonic``).
         list_interfaces: Returns the interfaces that are up.
+        change_socket: Returns a socket that receives something when they have changed, or None.
 
     Raises:
         MiddlewareError: No index is free, the configured one is too high, or the ports cannot be
@@ -68,6 +72,7 @@ class DomainSockets:
         settings: NetworkSettings,
         now: float,
         list_interfaces: Callable[[], list[Interface]] = addresses.interfaces,
+        change_socket: Callable[[], socket.socket | None] = addresses.change_socket,
     ) -> None:
         self.unicast: list[Locator] = []
         self.data: list[Locator] = []
@@ -76,12 +81,14 @@ class DomainSockets:
         self.send_errors: Counter[int] = Counter()
         self.unreachable: set[str] = set()
         self.scan_at: float | None = None
+        self._scanned_at = now
         self.notices = list(settings.notices)
         self._settings = settings
         self._list_interfaces = list_interfaces
         self._interfaces: list[Interface] = []
         self._sockets: dict[int, IpSockets] = {}
         self._receiving: dict[int, tuple[int, socket.socket]] = {}  # by descriptor
+        self._changes: socket.socket | None = None
         self._buffer = bytearray(_LARGEST)
         self._view = memoryview(self._buffer)
         if settings.is_off:
@@ -96,6 +103,8 @@ class DomainSockets:
             raise
         for kind, each in self._sockets.items():
             self._receiving.update((sock.fileno(), (kind, sock)) for sock in each.sockets)
+        if not settings.stays_local:
+            self._changes = change_socket()
         self.scan(now)
         self._check_choices()
 
@@ -191,6 +200,7 @@ class DomainSockets:
         if not self._sockets:
             return False
         self.scan_at = now + SCAN_PERIOD
+        self._scanned_at = now
         try:
             found = self._list_interfaces() or _one_interface()
         except OSError:  # no descriptor is free now
@@ -209,8 +219,11 @@ class DomainSockets:
     # --- datagrams -------------------------------------------------------------------------------
 
     def filenos(self) -> list[int]:
-        """Return the descriptors that are readable when datagrams have come, samples last."""
-        return list(self._receiving)
+        """Return the descriptors that are readable when datagrams have come, samples last.
+
+        One of them tells that interfaces have changed.
+        """
+        return [*([] if self._changes is None else [self._changes.fileno()]), *self._receiving]
 
     def receive(self, fileno: int) -> Iterator[tuple[memoryview, str]]:
         """Yield datagrams that have come to a descriptor, with the addresses of their senders.
@@ -219,6 +232,9 @@ class DomainSockets:
         descriptor readable. A link-local address has the number of its interface, see
         :class:`Locator`.
         """
+        if fileno not in self._receiving:
+            self._take_changes()
+            return
         kind, sock = self._receiving[fileno]
         for _ in range(_MAX_BURST):
             try:
@@ -231,6 +247,18 @@ class DomainSockets:
                 yield self._view[:size], locators.scoped(source[0], source[3])
             else:
                 yield self._view[:size], source[0]
+
+    def _take_changes(self) -> None:
+        """Have the interfaces looked at soon."""
+        assert self._changes is not None
+        self.scan_at = self._scanned_at + _SCAN_PAUSE
+        for _ in range(_MAX_BURST):
+            try:
+                self._changes.recv(_LARGEST)
+            except BlockingIOError:
+                break
+            except OSError:
+                continue  # there were more than its buffer holds
 
     def send(self, datagram: bytes, place: Locator) -> bool:
         """Send a datagram.
@@ -259,6 +287,9 @@ class DomainSockets:
         for each in self._sockets.values():
             each.close()
         self._sockets.clear()
+        if self._changes is not None:
+            self._changes.close()
+            self._changes = None
         self._receiving.clear()
         self.scan_at = None
 

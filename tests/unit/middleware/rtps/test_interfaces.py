@@ -17,6 +17,7 @@ LEASE = pytest.mark.slow
         "an_interface_that_appears_is_used",
         pytest.param("an_interface_that_vanishes_is_left", marks=LEASE),
         "a_network_that_is_away_for_a_moment_changes_nothing",
+        "a_link_that_goes_at_either_end_is_left_at_once",
         "an_address_of_ours_that_vanishes_is_left",
         pytest.param("an_address_that_changes_is_followed", marks=LEASE),
         "ipv6",

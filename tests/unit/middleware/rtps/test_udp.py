@@ -24,8 +24,10 @@ class Opened:
         self.all = []
         self.interfaces = [LO]
 
-    def __call__(self, domain, settings=LOCAL, now=0.0):
-        made = DomainSockets(domain, settings, now, lambda: list(self.interfaces))
+    def __call__(self, domain, settings=LOCAL, now=0.0, change_socket=lambda: None):
+        made = DomainSockets(
+            domain, settings, now, lambda: list(self.interfaces), change_socket
+        )  # fmt: skip
         self.all.append(made)
         return made
 
@@ -453,3 +455,31 @@ def test_datagrams_wait_where_no_further_socket_can_be_opened(opened, own_domain
     assert not sockets.send(b"x", Locator(UDPV4, 9, "127.0.0.2"))
     assert not sockets.send(b"x", sockets.multicast[0])
     assert not each._own and not sockets.send_errors
+
+
+# --- interfaces that change -----------------------------------------------------------------------
+
+
+def test_interfaces_are_looked_at_soon_after_the_system_tells_of_a_change(opened, own_domain_id):
+    """Attack and accident: a link that comes and goes without end."""
+    ours, system = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    ours.setblocking(False)
+    fileno = ours.fileno()
+    with system:
+        sockets = opened(own_domain_id, NetworkSettings(), 10.0, lambda: ours)
+        assert sockets.scan_at == 10.0 + udp.SCAN_PERIOD and fileno in sockets.filenos()
+        for _ in range(5):
+            system.send(b"a change")
+        assert not list(sockets.receive(fileno))
+        assert sockets.scan_at == 10.0 + udp._SCAN_PAUSE
+        with pytest.raises(BlockingIOError):
+            ours.recv(100)
+        sockets.close()
+        assert ours.fileno() == -1 and fileno not in sockets.filenos()
+
+
+def test_without_the_network_no_changes_are_waited_for(opened, own_domain_id):
+    def none():
+        raise AssertionError("loopback does not change")
+
+    assert len(opened(own_domain_id, LOCAL, 0.0, none).filenos()) == 2
