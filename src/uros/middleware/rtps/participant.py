@@ -55,7 +55,7 @@ from .writer import StatefulWriter
 _FRAGMENT_OVERHEAD: Final = 180
 # Attack: participants and endpoints without end.
 MAX_PARTICIPANTS: Final = 1000
-MAX_ENDPOINTS: Final = 5000  # of one participant
+MAX_ENDPOINTS: Final = 16_384  # of one participant: an agent may have thousands of boards
 # RTPS has ports for 120 participants on one machine.
 MAX_PARTICIPANTS_OF_ADDRESS: Final = 250
 # Octets of what is known of all of them, and their share (see :class:`OctetBudget`).
