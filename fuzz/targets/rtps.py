@@ -353,7 +353,7 @@ def _talk() -> list[records.Record]:
         (1, submessages.encode_data_frag(bytes(4), b"\0\0\5\3", 2, 1, 100, 150, bytes(100))),
         (1, submessages.encode_data_frag(bytes(4), b"\0\0\5\3", 2, 2, 100, 150, bytes(50))),
         (1, submessages.encode_gap(bytes(4), b"\0\0\5\3", 3, 4, [5])),
-        (1, submessages.encode_heartbeat_frag(bytes(4), b"\0\0\5\3", 6, 2, 1)),
+        (1, struct.pack("<BBH4s4s4I", 0x13, 1, 24, b"", b"\0\0\5\3", 0, 6, 2, 1)),  # HEARTBEAT_FRAG
         (5, b"hello"),
         (5, bytes(3000)),
         (1, submessages.encode_acknack(b"\0\0\6\4", writer, 1, [1, 2], 1)),

@@ -113,6 +113,12 @@ def announcement(data, inline_qos=b"", is_key=False, payload=None):
     return submessages.header(data.guid[:12]) + encoded
 
 
+def encode_heartbeat_frag(reader, writer, number, last, count):
+    """A HEARTBEAT_FRAG submessage (RTPS 9.4.5.7), which writers of ours do not send."""
+    body = struct.pack("<4s4siIII", reader, writer, number >> 32, number & 0xFFFFFFFF, last, count)
+    return struct.pack("<BBH", ids.HEARTBEAT_FRAG, 1, len(body)) + body
+
+
 class Stranger:
     """A hand-made participant at an address."""
 

@@ -486,15 +486,6 @@ def encode_nack_frag(
     )  # fmt: skip
 
 
-def encode_heartbeat_frag(
-    reader: bytes, writer: bytes, number: int, last: int, count: int
-) -> bytes:
-    """Return a HEARTBEAT_FRAG submessage."""
-    return _BASED.pack(
-        ids.HEARTBEAT_FRAG, _FLAG_LITTLE, 24, reader, writer, *_halves(number)
-    ) + struct.pack("<II", last, count)
-
-
 def encode_info_ts(time_ns: int | None) -> bytes:
     """Return an INFO_TS submessage; None says that the time is unknown.
 

@@ -18,6 +18,7 @@ from support.rtps_network import (
     Stranger,
     announcement,
     cdr,
+    encode_heartbeat_frag,
     is_acknowledged,
     pair,
     prefix,
@@ -444,7 +445,7 @@ def test_numbers_at_the_end_of_64_bits_are_refused(network, stranger):
         submessages.encode_data(NO_ENTITY, entity, last, cdr(1)),
         submessages.encode_acknack(b"\0\0\1\4", b"\0\0\1\3", last, [last], 1),
         submessages.encode_nack_frag(b"\0\0\1\4", b"\0\0\1\3", last, [1], 1),
-        submessages.encode_heartbeat_frag(NO_ENTITY, entity, last, 1, 1),
+        encode_heartbeat_frag(NO_ENTITY, entity, last, 1, 1),
     ):
         stranger.send(hostile)
     assert stranger.target.malformed == before + 6

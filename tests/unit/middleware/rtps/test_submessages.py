@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.rtps_network import encode_heartbeat_frag
 
 from uros.middleware.rtps import ids, submessages
 from uros.middleware.rtps.kinds import (
@@ -198,7 +199,7 @@ def test_fragment_acknacks_come_back(number, base, offsets, counter):
 
 @given(numbers, st.integers(1, 2**32 - 1), words)
 def test_fragment_heartbeats_come_back(number, last, counter):
-    encoded = submessages.encode_heartbeat_frag(READER, WRITER, number, last, counter)
+    encoded = encode_heartbeat_frag(READER, WRITER, number, last, counter)
     assert only(encoded) == (READER, WRITER, number, last, counter)
 
 
