@@ -140,15 +140,20 @@ def lifespan(qos: QoSProfile) -> float:
 
 
 def why_unmatched(writer: EndpointData, reader: EndpointData) -> list[Mismatch] | None:
-    """Return what keeps two endpoints from matching; None if their topics or types differ."""
+    """Return what keeps two endpoints from matching; None if their topics or types differ.
+
+    Of the data representations that a writer announces, the first one counts: it writes in that
+    one. A reader accepts each of its own (XTypes 7.6.3.1.1).
+    """
     if writer.topic != reader.topic or writer.type_name != reader.type_name:
         return None
     why = mismatches(writer.qos, reader.qos)
-    if not set(writer.representations) & set(reader.representations):
+    offered = writer.representations[:1]
+    if not set(offered) & set(reader.representations):
         why.append(
             Mismatch(
                 "data representation",
-                _representation_names(writer.representations),
+                _representation_names(offered),
                 _representation_names(reader.representations),
             )
         )

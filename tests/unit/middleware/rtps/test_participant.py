@@ -134,9 +134,11 @@ def test_what_does_not_match_is_named(network):
     ("is_writer", "representations", "offered", "requested"),
     [
         (False, (ids.XCDR2,), "XCDR1", "XCDR2"),
+        (False, (1, ids.XCDR2, 7), "XCDR1", "XML, XCDR2, 7"),
+        (False, tuple(range(1, 17)), "XCDR1", "XML, XCDR2, 3, 4 and 12 more"),
         (True, (ids.XCDR2,), "XCDR2", "XCDR1"),
-        (True, (1, ids.XCDR2, 7), "XML, XCDR2, 7", "XCDR1"),
-        (True, tuple(range(1, 17)), "XML, XCDR2, 3, 4 and 12 more", "XCDR1"),
+        (True, (ids.XCDR2, ids.XCDR1), "XCDR2", "XCDR1"),  # a writer writes in its first one
+        (True, (7,), "7", "XCDR1"),
     ],
 )
 def test_endpoints_without_a_common_representation_do_not_match(
@@ -151,6 +153,19 @@ def test_endpoints_without_a_common_representation_do_not_match(
     guid = remote.endpoint("rt/chatter", is_writer, representations=representations)
     assert guid not in (ours.state.writers if is_writer else ours.state.readers)
     assert named == [Mismatch("data representation", offered, requested)]
+
+
+@pytest.mark.parametrize(
+    ("is_writer", "representations"),
+    [(False, (ids.XCDR2, ids.XCDR1)), (True, (ids.XCDR1, ids.XCDR2)), (True, ())],
+)
+def test_endpoints_with_a_common_representation_match(network, is_writer, representations):
+    one = network.add(1)
+    ours = Inbox(network, one).reader if is_writer else writer_of(network, one)
+    remote = Stranger(network, one)
+    remote.announce()
+    guid = remote.endpoint("rt/chatter", is_writer, representations=representations)
+    assert guid in (ours.state.writers if is_writer else ours.state.readers)
 
 
 @pytest.mark.parametrize("qos", [QoSProfile(), LATCHED])
