@@ -30,6 +30,10 @@ _MOST_MESSAGE: Final = 14_720
 # Attack and accident: a machine with hundreds of virtual interfaces, whose announcement would
 # exceed a message. Others read no more either (parameters.MAX_LOCATORS).
 _MAX_ADDRESSES: Final = 16
+# Octets of an announcement: for an address, where discovery data and samples are received; and for
+# the rest, with the multicast groups of both versions of IP.
+_ADDRESS_OCTETS: Final = 2 * (4 + locators.SIZE)
+_OTHER_OCTETS: Final = 240
 
 
 @dataclass(frozen=True)
@@ -106,8 +110,13 @@ def addresses_of(interface: Interface, kind: int) -> list[str]:
     return wide or list(interface.ipv6)
 
 
-def announced(interfaces: Iterable[Interface], kinds: Iterable[int], port: int) -> list[Locator]:
-    """Return the locators of interfaces at a port; loopback's where there is no address."""
+def announced(
+    interfaces: Iterable[Interface], kinds: Iterable[int], port: int, message_size: int
+) -> list[Locator]:
+    """Return the locators of interfaces at a port; loopback's where there is no address.
+
+    They are so few that the announcement fits into a message of ``message_size`` octets.
+    """
     found = list(interfaces)
     places = [
         Locator(kind, port, address)
@@ -115,7 +124,8 @@ def announced(interfaces: Iterable[Interface], kinds: Iterable[int], port: int) 
         for one in found
         for address in addresses_of(one, kind)
     ]
-    return places[:_MAX_ADDRESSES] or [Locator(kind, port, LOOPBACK[kind]) for kind in kinds]
+    most = min(_MAX_ADDRESSES, (message_size - _OTHER_OCTETS) // _ADDRESS_OCTETS)
+    return places[:most] or [Locator(kind, port, LOOPBACK[kind]) for kind in kinds]
 
 
 def read_settings(environment: Mapping[str, str], domain: int) -> NetworkSettings:

@@ -211,8 +211,9 @@ class DomainSockets:
             each.join(with_multicast)
         before = self.unicast, self.multicast
         ports = next(iter(self._sockets.values()))
-        self.unicast = network.announced(self._interfaces, self._sockets, ports.port)
-        self.data = network.announced(self._interfaces, self._sockets, ports.data_port)
+        kinds, size = list(self._sockets), self._settings.message_size
+        self.unicast = network.announced(self._interfaces, kinds, ports.port, size)
+        self.data = network.announced(self._interfaces, kinds, ports.data_port, size)
         self.multicast = [place for each in self._sockets.values() for place in each.groups]
         return (self.unicast, self.multicast) != before
 

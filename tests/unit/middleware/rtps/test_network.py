@@ -5,10 +5,13 @@ import socket
 import pytest
 
 from uros.addresses import LOOPBACK, MULTICAST, RUNNING, UP, Interface
+from uros.middleware import user_data
 from uros.middleware.base import MiddlewareError
 from uros.middleware.rtps import network
 from uros.middleware.rtps.locators import UDPV4, UDPV6, Locator
 from uros.middleware.rtps.network import announced, read_settings, stays_local
+from uros.middleware.rtps.parameters import ParticipantData
+from uros.middleware.rtps.spdp import ParticipantAnnouncer
 
 LO = Interface("lo", 1, UP | RUNNING | LOOPBACK, "127.0.0.1", ("::1",))
 ETH = Interface("eth0", 2, UP | RUNNING | MULTICAST, "10.0.0.1", ("fe80::1", "fd00::1"))
@@ -272,17 +275,24 @@ def test_what_does_not_count_is_named_in_one_notice():
 
 def test_announced_addresses():
     both = (UDPV4, UDPV6)
-    assert announced([ETH, WLAN], both, 7410) == [
+    assert announced([ETH, WLAN], both, 7410, 1400) == [
         Locator(UDPV4, 7410, "10.0.0.1"), Locator(UDPV4, 7410, "10.0.1.1"),
         Locator(UDPV6, 7410, "fd00::1"),
     ]  # fmt: skip
     link = Interface("eth0", 2, UP | RUNNING, "", ("fe80::1",))
-    assert announced([link], both, 7410) == [Locator(UDPV6, 7410, "fe80::1")]
-    assert announced([], both, 7410) == [
+    assert announced([link], both, 7410, 1400) == [Locator(UDPV6, 7410, "fe80::1")]
+    assert announced([], both, 7410, 1400) == [
         Locator(UDPV4, 7410, "127.0.0.1"), Locator(UDPV6, 7410, "::1")
     ]  # fmt: skip
 
 
-def test_an_announcement_of_many_interfaces_fits_into_a_message():
+@pytest.mark.parametrize(("message_size", "addresses"), [(1400, 16), (14_720, 16), (576, 6)])
+def test_an_announcement_of_many_interfaces_fits_into_a_message(message_size, addresses):
     many = [Interface(f"v{n}", n, UP | RUNNING, f"10.1.{n}.1") for n in range(200)]
-    assert len(announced(many, (UDPV4,), 7410)) == 16
+    places = announced(many, (UDPV4,), 7410, message_size)
+    assert len(places) == addresses
+    groups = [Locator(UDPV4, 7400, "239.255.0.1"), *[Locator(UDPV6, 7400, "ff02::1")] * 2]
+    data = ParticipantData(
+        bytes(16), 0, "", 0, 20_000, places, groups, places, [], user_data.PARTICIPANT
+    )
+    assert len(ParticipantAnnouncer(data, 0.0).announcement()) <= message_size
