@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from ...qos import QoSProfile
-from ..base import Node, OnReady, Service
+from ..base import OnReady, Service
+from ..discovery_info.listed_node import ListedNode
 from ..discovery_info.node_entry import NodeEntry, check_writable
 from ..services.form import endpoint_id
 from .context import DdsContext
@@ -11,21 +12,21 @@ from .domain import DdsDomain
 from .endpoints import DdsReader, DdsReplier, DdsRequester, DdsWriter
 
 
-class DdsNode(Node):
+class DdsNode(ListedNode):
     """A node of the ROS graph; it shares its participant with others.
 
     Attributes:
         context: What the parts of the middleware share.
         participant: Its participant.
-        entry: What its participant announces of it.
     """
 
     def __init__(self, context: DdsContext, domain: DdsDomain, namespace: str, name: str) -> None:
         self.context = context
         self.participant = domain.participant()
         self._domain = domain
-        self.entry = NodeEntry(self.participant.nodes, self.participant.changed, namespace, name)
-        self._endpoints: dict[DdsWriter | DdsReader, None] = {}
+        super().__init__(
+            NodeEntry(self.participant.nodes, self.participant.changed, namespace, name)
+        )
 
     def create_writer(self, topic: str, type_name: str, qos: QoSProfile) -> DdsWriter:
         """Create a publisher's writer."""
@@ -57,19 +58,3 @@ class DdsNode(Node):
     def expect_late_writers(self) -> None:
         """Prepare for a reliable reader; see :mod:`~uros.middleware.dds.late_writer_heartbeat`."""
         self._domain.expect_late_writers(self.participant)
-
-    def register(self, endpoint: DdsWriter | DdsReader) -> None:
-        """List an endpoint in the discovery info."""
-        self._endpoints[endpoint] = None
-        self.entry.add(endpoint.guid)
-
-    def unregister(self, endpoint: DdsWriter | DdsReader) -> None:
-        """Remove an endpoint from the discovery info."""
-        del self._endpoints[endpoint]
-        self.entry.remove(endpoint.guid)
-
-    def close(self) -> None:
-        """Leave the graph with all endpoints; idempotent."""
-        for endpoint in list(self._endpoints):
-            endpoint.close()
-        self.entry.close()

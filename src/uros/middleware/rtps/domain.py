@@ -150,13 +150,6 @@ class RtpsDomain:
         self.written()
         return reader
 
-    def delete(self, endpoint: LocalWriter | LocalReader) -> None:
-        """Delete an endpoint and announce that."""
-        self.participant.delete(endpoint, time.monotonic(), time.time_ns())
-        self._conflicts.remove(endpoint.data.guid)
-        self.written()
-        self._changed_graph()
-
     def join(self, endpoint: RtpsWriter | RtpsReader) -> None:
         """Connect an endpoint with those of this process that match it."""
         topic = endpoint.local.data.topic
@@ -175,8 +168,16 @@ class RtpsDomain:
                             endpoint.put(sample)
         self._changed_graph()
 
-    def leave(self, endpoint: RtpsWriter | RtpsReader) -> None:
-        """Undo :meth:`join`."""
+    def remove(self, endpoint: RtpsWriter | RtpsReader) -> None:
+        """Undo :meth:`join`, delete the local endpoint and announce that."""
+        self._separate(endpoint)
+        self.participant.delete(endpoint.local, time.monotonic(), time.time_ns())
+        self._conflicts.remove(endpoint.guid)
+        self.written()
+        self._changed_graph()
+
+    def _separate(self, endpoint: RtpsWriter | RtpsReader) -> None:
+        """Disconnect an endpoint from those of this process."""
         topic = endpoint.local.data.topic
         if isinstance(endpoint, RtpsWriter):
             self._writers[topic].remove(endpoint)

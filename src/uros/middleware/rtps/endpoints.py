@@ -45,14 +45,11 @@ class EndpointOwner(Protocol):
     ) -> LocalReader:
         """Create and announce a reader."""
 
-    def delete(self, endpoint: LocalWriter | LocalReader) -> None:
-        """Delete an endpoint and announce that."""
-
     def join(self, endpoint: RtpsWriter | RtpsReader) -> None:
         """Connect an endpoint with those of this process that match it."""
 
-    def leave(self, endpoint: RtpsWriter | RtpsReader) -> None:
-        """Undo :meth:`join`."""
+    def remove(self, endpoint: RtpsWriter | RtpsReader) -> None:
+        """Undo :meth:`join`, delete the local endpoint and announce that."""
 
 
 class RtpsWriter(Writer):
@@ -155,8 +152,7 @@ class RtpsWriter(Writer):
         """Leave the topic; idempotent."""
         if self.is_open:
             self.is_open = False
-            self._domain.leave(self)
-            self._domain.delete(self.local)
+            self._domain.remove(self)
             self.on_close()
 
 
@@ -262,7 +258,6 @@ class RtpsReader(Reader):
         """Leave the topic; idempotent."""
         if self.is_open:
             self.is_open = False
-            self._domain.leave(self)
-            self._domain.delete(self.local)
+            self._domain.remove(self)
             self.on_close()
             self._samples.clear()

@@ -6,7 +6,8 @@ from functools import partial
 
 from ...qos import QoSProfile
 from .. import user_data
-from ..base import Node, OnReady, Service
+from ..base import OnReady, Service
+from ..discovery_info.listed_node import ListedNode
 from ..discovery_info.node_entry import NodeEntry, check_writable
 from ..services.form import CLIENT_ID, SERVICE_ID, endpoint_id
 from .domain import RtpsDomain
@@ -14,7 +15,7 @@ from .endpoints import RtpsReader, RtpsWriter
 from .services import MIN_DEPTH, RtpsReplier, RtpsRequester
 
 
-class RtpsNode(Node):
+class RtpsNode(ListedNode):
     """A node of the ROS graph; it shares its participant with the others of its domain.
 
     Args:
@@ -23,9 +24,8 @@ class RtpsNode(Node):
     """
 
     def __init__(self, domain: RtpsDomain, entry: NodeEntry) -> None:
+        super().__init__(entry)
         self._domain = domain
-        self._entry = entry
-        self._endpoints: dict[RtpsWriter | RtpsReader, None] = {}
 
     def create_writer(self, topic: str, type_name: str, qos: QoSProfile) -> RtpsWriter:
         """Create a publisher's writer."""
@@ -72,19 +72,8 @@ class RtpsNode(Node):
     def _register(self, *endpoints: RtpsWriter | RtpsReader) -> None:
         """List endpoints in the discovery info until they are closed."""
         for endpoint in endpoints:
-            self._endpoints[endpoint] = None
-            self._entry.add(endpoint.guid)
-            endpoint.on_close = partial(self._unregister, endpoint)
-
-    def _unregister(self, endpoint: RtpsWriter | RtpsReader) -> None:
-        del self._endpoints[endpoint]
-        self._entry.remove(endpoint.guid)
-
-    def close(self) -> None:
-        """Leave the graph with all endpoints; idempotent."""
-        for endpoint in list(self._endpoints):
-            endpoint.close()
-        self._entry.close()
+            self.register(endpoint)
+            endpoint.on_close = partial(self.unregister, endpoint)
 
 
 def _announced(qos: QoSProfile, type_name: str) -> QoSProfile:
