@@ -20,9 +20,16 @@ _TESTS = Path(__file__).resolve().parent.parent
 SECONDS = 60.0
 
 
-def run_isolated(module: str, scenario: str) -> None:
-    """Call a function in a new process that has no network but the one it makes."""
-    code = f"import {module} as scenarios; scenarios.{scenario}()"
+def run_isolated(module: str, scenario: str, *arguments: object, **options: object) -> str:
+    """Call a function in a new process that has no network but the one it makes.
+
+    Returns:
+        What it printed.
+    """
+    given = ", ".join(
+        [*map(repr, arguments), *(f"{name}={value!r}" for name, value in options.items())]
+    )
+    code = f"import {module} as scenarios; scenarios.{scenario}({given})"
     command = f"exec {shlex.quote(sys.executable)} -c {shlex.quote(code)}"
     done = subprocess.run(
         ["unshare", "--net", "--map-root-user", "sh", "-c", command],
@@ -32,6 +39,7 @@ def run_isolated(module: str, scenario: str) -> None:
     if "unshare failed" in done.stderr or "write failed" in done.stderr:
         pytest.skip("not on this platform: no network namespaces for us")
     assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
 
 
 class Host:
