@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import platform
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
@@ -34,6 +34,8 @@ TOPIC: Final = "rt/diagnostics"
 NODE: Final = "uros_agent"
 # As diagnostic_updater: tools take a status for stale after five seconds.
 PERIOD: Final = 1.0
+# Stands for the agent among the keys of clients, none of which is 0.
+_AGENT_KEY: Final = 0
 # Statuses in a message, of about 900 octets each.
 GROUP: Final = 20
 # The part of a period over which its messages are spread; in the rest the last of them is finished.
@@ -166,15 +168,11 @@ class Diagnostics:
             self._marked_at = now
             self._rates.mark(now)
         self._note_left(server, now)
-        jobs: list[Callable[[], Status | None]] = [partial(self._agent, server)]
-        jobs += [partial(self._board, server, each) for each in server.agent.clients.values()]
-        jobs += [
-            partial(self._left, server, key, board)
-            for key, board in self._boards.items()
-            if board.left_at is not None
-        ]
-        groups = [jobs[start : start + GROUP] for start in range(0, len(jobs), GROUP)]
-        least = len(jobs) / MAX_RATE
+        # Keys alone: an object for each board would be work for the garbage collector.
+        keys = [_AGENT_KEY, *server.agent.clients]
+        keys += [key for key in self._boards if key not in server.agent.clients]
+        groups = [keys[start : start + GROUP] for start in range(0, len(keys), GROUP)]
+        least = len(keys) / MAX_RATE
         pause = max(_SPREAD * self._period, least) / len(groups)
         self._not_before = now + least
         self._unfinished = len(groups)
@@ -183,16 +181,16 @@ class Diagnostics:
         for index, group in enumerate(groups):
             server.wake_at(index * pause, partial(self._start, server, group))
 
-    def _start(self, server: Server, group: list[Callable[[], Status | None]]) -> None:
+    def _start(self, server: Server, group: list[int]) -> None:
         steps = self._tell(server, group)
         snapshot.run_in_slices(server, steps, lambda: self._server is not None)
 
-    def _tell(self, server: Server, group: list[Callable[[], Status | None]]) -> Iterator[None]:
+    def _tell(self, server: Server, group: list[int]) -> Iterator[None]:
         """Make the statuses of a group, one a step, and publish them."""
         try:
             array = DiagnosticArray(server.clock.time_ns())
-            for make in group:
-                status = make()
+            for key in group:
+                status = self._status(server, key)
                 if status is not None:
                     array.add(status)
                 yield
@@ -201,6 +199,13 @@ class Diagnostics:
         finally:
             self._unfinished -= 1
 
+    def _status(self, server: Server, key: int) -> Status | None:
+        """Return the status of the agent, of a board, or of a board that has left."""
+        if key == _AGENT_KEY:
+            return self._agent(server)
+        client = server.agent.clients.get(key)
+        return self._left(server, key) if client is None else self._board(server, client)
+
     def _agent(self, server: Server) -> Status:
         return agent_status(
             f"{self._name}: agent", self._host, snapshot.head(server), snapshot.refused(server),
@@ -208,10 +213,7 @@ class Diagnostics:
         )  # fmt: skip
 
     def _board(self, server: Server, client: ProxyClient) -> Status | None:
-        """Return the status of a board; None if it has left, or may still get a name."""
-        agent = server.agent
-        if agent.clients.get(client.key) is not client:
-            return None
+        """Return the status of a board; None if it may still get a name."""
         entry = snapshot.board(server, client, self._rates)
         board = self._boards.get(client.key)
         if board is None or board.born != client.born:
@@ -220,7 +222,7 @@ class Diagnostics:
             board = self._boards[client.key] = _Board(client.born, self._name_of(entry))
         talking = entry["received"]["rate"] >= _TALKING_RATE
         if talking and entry["heard_ago"] >= _ASK_SECONDS:
-            agent.liveliness.ask(client)
+            server.agent.liveliness.ask(client)
         status = board_status(board.name, entry, server.clock.time_ns() / 1e9)
         board.message = status.message
         self._new_levels[status.level] += 1
@@ -249,8 +251,10 @@ class Diagnostics:
             if now - left_at > LEFT_SECONDS or index < len(left) - MAX_LEFT:
                 del self._boards[key]
 
-    def _left(self, server: Server, key: int, board: _Board) -> Status | None:
-        if board.left_at is None or key in server.agent.clients:
-            return None  # it is back
+    def _left(self, server: Server, key: int) -> Status | None:
+        """Return the status of a board that has left; None if it was never told, or just left."""
+        board = self._boards.get(key)
+        if board is None or board.left_at is None:
+            return None
         seconds = server.clock.monotonic() - board.left_at
         return left_status(board.name, key_label(key), seconds, board.message)
