@@ -352,7 +352,13 @@ class Direct(NodeConnection):
         number = endpoint.write(message, prefix)
         if prefix and not number:
             self._stalled = True
-        self.middleware.tick()  # a program that only publishes may never pump
+        # A program that only publishes may never pump, and rtps has no thread that receives.
+        self.interrupt.hold()
+        try:
+            self.middleware.dispatch()
+            self.middleware.tick()
+        finally:
+            self.interrupt.release()
         return number
 
     # --- the loop -------------------------------------------------------------------------------

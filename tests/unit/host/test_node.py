@@ -313,6 +313,22 @@ def test_keep_all_delivers_every_sample(node, peer):
     assert [message.data for message in messages] == list(range(1000))
 
 
+@pytest.mark.parametrize("kind", ["rtps", "dds"])
+def test_a_node_that_publishes_and_never_spins_is_heard(own_domain_id, kind):
+    talker = Node("talker", Direct(open_middleware(kind), own_domain_id))
+    listener = Node("listener", Direct(open_middleware(kind), own_domain_id))
+    publisher = talker.create_publisher(Int32, "/never_spun")
+    heard = []
+    listener.create_subscription(Int32, "/never_spun", heard.append)
+    deadline = time.monotonic() + 20
+    while not heard and time.monotonic() < deadline:
+        publisher.publish(Int32(data=5))
+        listener.spin_once(0.05)
+    assert heard[:1] == [Int32(data=5)]
+    talker.destroy_node()
+    listener.destroy_node()
+
+
 def test_a_depth_of_zero_is_one(own_domain_id):
     node = Node("node", Direct(open_middleware("auto"), own_domain_id))
     messages = []
