@@ -298,7 +298,6 @@ class RtpsDomain:
 
     def flush(self) -> None:
         """Send what is held back."""
-        self.participant.flush()
         self._send()
 
     def _send(self) -> None:

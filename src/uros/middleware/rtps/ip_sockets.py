@@ -29,6 +29,8 @@ _RECEIVE_BUFFER: Final = 4 * 1024 * 1024
 _SEND_BUFFER: Final = 1024 * 1024
 # Hosts with a buffer of their own; the first one of them makes room for one more.
 _MAX_OWN: Final = 64
+# Attack: participants that announce ever new places.
+_MAX_HOSTS: Final = 4096
 # The port of the discard service: nobody sends from it.
 _DISCARD: Final = 9
 # Announcements stay on the link, as those of Fast DDS do.
@@ -36,6 +38,8 @@ _HOPS: Final = 1
 # Linux: receive from groups that this socket has joined, not from all that anybody has.
 _IP_MULTICAST_ALL: Final = 49
 _IPV6_MULTICAST_ALL: Final = 29
+
+_Address = tuple[str, int] | tuple[str, int, int, int]
 
 
 class IpSockets:
@@ -64,6 +68,7 @@ class IpSockets:
         self._multicast: socket.socket | None = None
         self._bound_to = LOOPBACK[kind] if stays_local else ""
         self._own: dict[str, socket.socket] = {}  # sockets that send to one address alone
+        self._hosts: dict[Locator, _Address] = {}  # places of no group, for each datagram
         self._unicast = self._socket()
         self._data = self._socket()
         try:
@@ -175,9 +180,29 @@ class IpSockets:
             BlockingIOError: There is no room now.
             OSError: It cannot be sent; others than the last interface may have taken it.
         """
-        if not place.is_multicast:
-            self._sendto(datagram, place)
-            return
+        to = self._hosts.get(place)
+        if to is None:
+            if place.is_multicast:
+                self._send_to_group(datagram, place)
+                return
+            if len(self._hosts) >= _MAX_HOSTS:
+                self._hosts.clear()
+            to = self._hosts[place] = _sockaddr(place, place.port)
+        if self._own and (own := self._own.get(place.address)) is not None:
+            try:
+                own.sendto(datagram, to)
+                return
+            except BlockingIOError:
+                raise
+            except OSError:  # our address towards that one is no longer ours
+                self._own.pop(place.address).close()
+        try:
+            self._unicast.sendto(datagram, to)
+        except BlockingIOError:
+            self._open_own(place).sendto(datagram, to)
+
+    def _send_to_group(self, datagram: bytes, place: Locator) -> None:
+        to = _sockaddr(place, place.port)
         fault: OSError | None = None
         for interface in self.joined.values():
             try:
@@ -190,29 +215,11 @@ class IpSockets:
                     self._unicast.setsockopt(
                         socket.IPPROTO_IPV6, socket.IPV6_MULTICAST_IF, interface.index
                     )
-                self._sendto(datagram, place)
+                self._unicast.sendto(datagram, to)
             except OSError as error:
                 fault = error
         if fault is not None:
             raise fault
-
-    def _sendto(self, datagram: bytes, place: Locator) -> None:
-        to = _sockaddr(place, place.port)
-        own = self._own.get(place.address)
-        if own is not None:
-            try:
-                own.sendto(datagram, to)
-                return
-            except BlockingIOError:
-                raise
-            except OSError:  # our address towards that one is no longer ours
-                self._own.pop(place.address).close()
-        try:
-            self._unicast.sendto(datagram, to)
-        except BlockingIOError:
-            if place.is_multicast:
-                raise
-            self._open_own(place).sendto(datagram, to)
 
     def _open_own(self, place: Locator) -> socket.socket:
         """Open a socket that sends to one address, from the same port as all others.
@@ -251,7 +258,7 @@ class IpSockets:
         self._own.clear()
 
 
-def _sockaddr(place: Locator, port: int) -> tuple[str, int] | tuple[str, int, int, int]:
+def _sockaddr(place: Locator, port: int) -> _Address:
     """The address of a place in the form of its version of IP, with a port."""
     return (place.address, port) if place.kind == UDPV4 else (place.host, port, 0, place.scope)
 

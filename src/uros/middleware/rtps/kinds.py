@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, final
 
 from .locators import Locator
 
 
+@final
 class Data(NamedTuple):
     """DATA: a whole sample, or the key of an instance.
 
@@ -29,6 +30,7 @@ class Data(NamedTuple):
     little: bool
 
 
+@final
 class DataFrag(NamedTuple):
     """DATA_FRAG: consecutive fragments of a sample.
 
@@ -59,6 +61,7 @@ class DataFrag(NamedTuple):
     little: bool
 
 
+@final
 class Heartbeat(NamedTuple):
     """HEARTBEAT: the sequence numbers that a writer has, none where last is first - 1."""
 
@@ -71,6 +74,7 @@ class Heartbeat(NamedTuple):
     liveliness: bool
 
 
+@final
 class AckNack(NamedTuple):
     """ACKNACK: a reader has everything below ``base`` and lacks ``missing``."""
 
@@ -82,6 +86,7 @@ class AckNack(NamedTuple):
     final: bool
 
 
+@final
 class Gap(NamedTuple):
     """GAP: numbers from ``start`` to below ``base``, and ``irrelevant``, are not for the reader."""
 
@@ -92,6 +97,7 @@ class Gap(NamedTuple):
     irrelevant: tuple[int, ...]
 
 
+@final
 class NackFrag(NamedTuple):
     """NACK_FRAG: a reader lacks these fragments of a sample."""
 
@@ -102,6 +108,7 @@ class NackFrag(NamedTuple):
     counter: int
 
 
+@final
 class HeartbeatFrag(NamedTuple):
     """HEARTBEAT_FRAG: a writer has fragments of a sample up to ``last``."""
 
@@ -112,18 +119,21 @@ class HeartbeatFrag(NamedTuple):
     counter: int
 
 
+@final
 class InfoTimestamp(NamedTuple):
     """INFO_TS: the source time of what follows, in nanoseconds since 1970; None: unknown."""
 
     time_ns: int | None
 
 
+@final
 class InfoDestination(NamedTuple):
     """INFO_DST: what follows is for this participant alone; zeros: for all."""
 
     prefix: bytes
 
 
+@final
 class InfoSource(NamedTuple):
     """INFO_SRC: what follows comes from this participant."""
 
@@ -132,6 +142,7 @@ class InfoSource(NamedTuple):
     prefix: bytes
 
 
+@final
 class InfoReply(NamedTuple):
     """INFO_REPLY or INFO_REPLY_IP4: where a reader wants the answers to what follows.
 

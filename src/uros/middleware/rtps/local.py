@@ -51,7 +51,7 @@ class LocalWriter:
             False where there is no room in the history: nothing was written.
         """
         state = self.state
-        if not state.has_room():
+        if state.depth is None and not state.has_room():
             return False
         packets = state.write(payload, time_ns, now, inline_qos, readers, is_key, with_header)
         if packets:

@@ -24,7 +24,7 @@ class Outbox:
     """Collects submessages by where they go, until :meth:`flush`.
 
     Attributes:
-        datagrams: Datagrams to send, each with where to.
+        datagrams: Datagrams to send, each with where to; see :meth:`take`.
         burst: Writers that have written since the last :meth:`flush`.
         repeats: Octets that writers may repeat.
 
@@ -79,6 +79,13 @@ class Outbox:
         for key in [key for key in self._pending if key[1] == remote.prefix]:
             del self._pending[key]
 
+    def take(self) -> list[tuple[bytes, Locator]]:
+        """Return the datagrams to send, those of what is queued included."""
+        if self._pending or self.burst:
+            self.flush()
+        datagrams, self.datagrams = self.datagrams, []
+        return datagrams
+
     def flush(self) -> None:
         """Make datagrams of what is queued, with a heartbeat behind each burst of samples."""
         for writer in self.burst:
@@ -87,20 +94,12 @@ class Outbox:
         pending, self._pending = self._pending, {}
         for (place, prefix), parts in pending.items():
             remote = self._remotes[prefix]
-            begin = self._head + submessages.encode_info_dst(prefix)
-            room = self._message_size - len(begin)
-            octets = 0
-            message = [begin]
+            begin = message = self._head + submessages.encode_info_dst(prefix)
             for part in parts:
-                octets += len(part)
-                if octets > room and len(message) > 1:
-                    self._finish(message, place, remote)
-                    message = [begin]
-                    octets = len(part)
-                message.append(part)
-            self._finish(message, place, remote)
-
-    def _finish(self, parts: list[bytes], place: Locator, remote: RemoteParticipant) -> None:
-        message = b"".join(parts)
-        if remote.may_send(len(message)):
-            self.datagrams.append((message, place))
+                if len(message) + len(part) > self._message_size and message is not begin:
+                    if remote.is_proven or remote.may_send(len(message)):
+                        self.datagrams.append((message, place))
+                    message = begin
+                message += part
+            if remote.is_proven or remote.may_send(len(message)):
+                self.datagrams.append((message, place))

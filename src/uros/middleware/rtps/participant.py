@@ -184,9 +184,8 @@ class Participant:
         return not self._outbox.is_empty
 
     def take_datagrams(self) -> list[tuple[bytes, Locator]]:
-        """Return the datagrams to send, each with where to."""
-        datagrams, self._outbox.datagrams = self._outbox.datagrams, []
-        return datagrams
+        """Return the datagrams to send, each with where to, made of what is queued."""
+        return self._outbox.take()
 
     def move(
         self,
@@ -351,31 +350,32 @@ class Participant:
             if remote is not None and source in remote.heard:
                 remote.received += len(datagram)
             for submessage in submessages.read(datagram):
-                if isinstance(submessage, InfoDestination):
+                if type(submessage) is InfoTimestamp:
+                    source_ns = submessage.time_ns or 0
+                elif type(submessage) is InfoDestination:
                     is_directed = submessage.prefix == self._prefix
                     is_for_us = is_directed or submessage.prefix == ids.NO_PREFIX
-                elif isinstance(submessage, InfoSource):
+                elif type(submessage) is InfoSource:
                     prefix = submessage.prefix
                     remote = self.remotes.get(prefix)
                     answers_to, source_ns = (), 0
-                elif isinstance(submessage, InfoTimestamp):
-                    source_ns = submessage.time_ns or 0
-                elif isinstance(submessage, InfoReply):
+                elif type(submessage) is InfoReply:
                     answers_to = submessage.unicast
                 elif not is_for_us or prefix == self._prefix:
                     continue  # our own multicast comes back; others do not speak for us
-                elif isinstance(submessage, Data) and submessage.writer == ids.SPDP_WRITER:
+                elif type(submessage) is Data and submessage.writer == ids.SPDP_WRITER:
                     # Attack: many participants in one datagram, each of which could be answered
                     # with as many octets.
                     octets = len(datagram) if prefix == sender else 0
                     self._on_announcement(submessage, prefix, source, octets, now)
                     remote = self.remotes.get(prefix)
-                elif remote is not None and remote.is_from(source):
-                    remote.expires = now + remote.lease  # multicast announcements may be lost
-                    self._schedule.touch(remote)
-                    if is_directed and isinstance(submessage, AckNack):
-                        remote.is_proven = True  # it knows our prefix
-                    if isinstance(submessage, AckNack | NackFrag):
+                elif remote is not None and (source in remote.heard or remote.is_from(source)):
+                    # Multicast announcements may be lost. The schedule asks again when the lease
+                    # would have ended, not for each submessage.
+                    remote.expires = now + remote.lease
+                    if type(submessage) is AckNack or type(submessage) is NackFrag:
+                        # An acknowledgement to us shows that it knows our prefix.
+                        remote.is_proven |= is_directed and type(submessage) is AckNack
                         self._answer_to(remote, submessage, answers_to)
                     if not self._dispatch(remote, submessage, now, source_ns):
                         self._begin_anew(remote, source, now)
@@ -399,11 +399,11 @@ class Participant:
         self, remote: RemoteParticipant, submessage: Submessage, now: float, source_ns: int
     ) -> bool:
         """Give a submessage to the endpoints it is for; False where its sender has begun anew."""
-        if isinstance(submessage, AckNack | NackFrag):
+        if type(submessage) is AckNack or type(submessage) is NackFrag:
             writer = self.writers.get(submessage.writer)
             if writer is not None:
                 guid = remote.prefix + submessage.reader
-                if isinstance(submessage, AckNack):
+                if type(submessage) is AckNack:
                     return writer.state.on_acknack(guid, submessage, now)
                 writer.state.on_nack_frag(guid, submessage, now)
             return True
@@ -416,7 +416,10 @@ class Participant:
         else:
             named = self.readers.get(submessage.reader)
             readers = [] if named is None else [named.state]
-        return all([reader.receive(guid, submessage, now, source_ns) for reader in readers])
+        is_same = True
+        for reader in readers:
+            is_same &= reader.receive(guid, submessage, now, source_ns)
+        return is_same
 
     def _on_announcement(
         self, data: Data, prefix: bytes, source: str, octets: int, now: float
@@ -578,7 +581,7 @@ class Participant:
             elif isinstance(item, StatefulReader):
                 for guid, octets in item.poll(now):
                     self._outbox.add(guid, octets)
-            else:
+            elif item.expires <= now:
                 self._give_up(item)
         self.flush()
 

@@ -212,14 +212,14 @@ class StatefulReader:
             source_ns: The time of the INFO_TS before it (Unix ns); 0: unknown.
         """
         is_same = True
-        if isinstance(submessage, Data | DataFrag):
+        if type(submessage) is Data:
             is_same = self.is_continued(writer, submessage.number, now)
-        if isinstance(submessage, Data):
             self.on_data(
                 writer, submessage.number, submessage.payload, submessage.inline_qos,
                 submessage.little, submessage.is_key, now, source_ns,
             )  # fmt: skip
-        elif isinstance(submessage, DataFrag):
+        elif type(submessage) is DataFrag:
+            is_same = self.is_continued(writer, submessage.number, now)
             self.on_fragments(writer, submessage, now, source_ns)
         elif isinstance(submessage, Heartbeat):
             is_same = self.on_heartbeat(writer, submessage, now)
@@ -265,7 +265,9 @@ class StatefulReader:
                     self._pass_over(proxy, number)  # it would be asked for without end
                     self._deliver_held(proxy)
                 return
-        octets = None if payload is None else unpadded(bytes(payload))
+        octets = None if payload is None else bytes(payload)
+        if octets is not None and len(octets) > 3 and octets[3] & 3:
+            octets = unpadded(octets)
         expires = now + proxy.lifespan
         self._accept(proxy, Sample(octets, writer, number, qos, is_key, expires, source_ns))
 
@@ -400,8 +402,9 @@ class StatefulReader:
             if proxy.expected is not None:
                 proxy.lost += number - proxy.expected
             proxy.expected = number + 1
-            for old in [number for number in proxy.incomplete if number < proxy.expected]:
-                proxy.incomplete.pop(old).close()
+            if proxy.incomplete:
+                for old in [number for number in proxy.incomplete if number <= sample.number]:
+                    proxy.incomplete.pop(old).close()
             if not self._deliver(sample):
                 proxy.lost += 1
             return
@@ -409,7 +412,8 @@ class StatefulReader:
             if self._deliver(sample):
                 proxy.progress += 1
                 proxy.expected = number + 1
-                self._deliver_held(proxy)
+                if proxy.held:
+                    self._deliver_held(proxy)
             return
         if number in proxy.held:
             return
@@ -491,8 +495,12 @@ class StatefulReader:
 
     def next_deadline(self) -> float | None:
         """Return when :meth:`poll` has something to send, or None."""
-        deadlines = (at for each in self.writers.values() for at in (each.ack_at, each.retry_at))
-        return min((at for at in deadlines if at is not None), default=None)
+        deadline = None
+        for proxy in self.writers.values():
+            for at in (proxy.ack_at, proxy.retry_at):
+                if at is not None and (deadline is None or at < deadline):
+                    deadline = at
+        return deadline
 
     def poll(self, now: float) -> Iterator[tuple[bytes, bytes]]:
         """Yield (GUID of the writer, submessages) of the acknowledgements that are due."""

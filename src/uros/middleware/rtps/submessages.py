@@ -56,13 +56,15 @@ class _Order(NamedTuple):
     number: struct.Struct  # high, low
     numbers: struct.Struct  # two of them
     time: struct.Struct
-    data: struct.Struct  # extra flags, octets to inline QoS
+    parameter: struct.Struct  # id, length
+    data: struct.Struct  # extra flags, octets to inline QoS, reader, writer, sequence number
+    heartbeat: struct.Struct  # reader, writer, first, last, count
     frag: struct.Struct  # first, count, fragment size, sample size
     two_words: struct.Struct
 
 
 def _order(mark: str) -> _Order:
-    forms = ("H", "I", "iI", "iIiI", "II", "HH", "IHHI", "II")
+    forms = ("H", "I", "iI", "iIiI", "II", "HH", "HH4s4siI", "4s4siIiII", "IHHI", "II")
     return _Order(*(struct.Struct(mark + form) for form in forms))
 
 
@@ -76,9 +78,10 @@ def read_header(datagram: memoryview) -> tuple[bytes, bytes, bytes]:
     Raises:
         MalformedError: It is not RTPS 2.
     """
-    if len(datagram) < HEADER_SIZE or bytes(datagram[:4]) != ids.PROTOCOL or datagram[4] != 2:
+    head = bytes(datagram[:HEADER_SIZE])
+    if len(head) < HEADER_SIZE or head[:4] != ids.PROTOCOL or head[4] != 2:
         raise MalformedError("not an RTPS 2 message")
-    return bytes(datagram[4:6]), bytes(datagram[6:8]), bytes(datagram[8:20])
+    return head[4:6], head[6:8], head[8:]
 
 
 def read(datagram: memoryview) -> Iterator[Submessage]:
@@ -138,7 +141,7 @@ def _inline_qos(body: memoryview, at: int, order: _Order) -> tuple[bytes, int]:
     """A parameter list with its sentinel, and where it ends."""
     start = at
     while True:
-        pid, length = order.data.unpack_from(body, at)
+        pid, length = order.parameter.unpack_from(body, at)
         at += 4
         if pid == ids.PID_SENTINEL:
             return bytes(body[start:at]), at
@@ -148,8 +151,10 @@ def _inline_qos(body: memoryview, at: int, order: _Order) -> tuple[bytes, int]:
 
 
 def _parse_data(body: memoryview, flags: int, order: _Order) -> Data:
-    _, to_qos = order.data.unpack_from(body)
-    number = _positive(_sequence(*order.number.unpack_from(body, 12)), "sequence number")
+    _, to_qos, reader, writer, high, low = order.data.unpack_from(body)
+    number = (high << 32) + low
+    if not 0 < number <= MAX_NUMBER:
+        raise MalformedError(f"sequence number {number}")
     at = 4 + to_qos
     if to_qos < 16:
         raise MalformedError("inline QoS begins inside the header of DATA")
@@ -164,12 +169,12 @@ def _parse_data(body: memoryview, flags: int, order: _Order) -> Data:
         if at > len(body):
             raise MalformedError("DATA without its payload")
         payload = body[at:]
-    return Data(bytes(body[4:8]), bytes(body[8:12]), number, qos, payload, is_key, order is _LITTLE)
+    return Data(reader, writer, number, qos, payload, is_key, order is _LITTLE)
 
 
 def _parse_data_frag(body: memoryview, flags: int, order: _Order) -> DataFrag:
-    _, to_qos = order.data.unpack_from(body)
-    number = _positive(_sequence(*order.number.unpack_from(body, 12)), "sequence number")
+    _, to_qos, reader, writer, high, low = order.data.unpack_from(body)
+    number = _positive(_sequence(high, low), "sequence number")
     first, count, size, total = order.frag.unpack_from(body, 20)
     at = 4 + to_qos
     if to_qos < 28:
@@ -184,19 +189,18 @@ def _parse_data_frag(body: memoryview, flags: int, order: _Order) -> DataFrag:
     if len(body) - at < wanted:
         raise MalformedError("DATA_FRAG is shorter than its fragments")
     return DataFrag(
-        bytes(body[4:8]), bytes(body[8:12]), number, first, count, size, total, qos,
+        reader, writer, number, first, count, size, total, qos,
         body[at : at + wanted], bool(flags & _FLAG_KEY_FRAG), order is _LITTLE,
     )  # fmt: skip
 
 
 def _parse_heartbeat(body: memoryview, flags: int, order: _Order) -> Heartbeat:
-    words = order.numbers.unpack_from(body, 8)
+    reader, writer, *words, count = order.heartbeat.unpack_from(body)
     first, last = _sequence(*words[:2]), _sequence(*words[2:])
-    count = order.word.unpack_from(body, 24)[0]
     if first < 1 or last < first - 1:
         raise MalformedError(f"a heartbeat of {first} to {last}")
     return Heartbeat(
-        bytes(body[:4]), bytes(body[4:8]), first, last, count,
+        reader, writer, first, last, count,
         bool(flags & _FLAG_FINAL), bool(flags & _FLAG_LIVELINESS),
     )  # fmt: skip
 
@@ -346,16 +350,19 @@ def encode_data(
         is_key: Whether the payload is a key.
     """
     flags = _FLAG_LITTLE
-    body = b"" if payload is None else _padded(bytes(payload))
+    body: bytes | memoryview = b""
     if payload is not None:
         flags |= _FLAG_KEY if is_key else _FLAG_DATA
+        body = payload if len(payload) % 4 == 0 else _padded(bytes(payload))
     if inline_qos:
         flags |= _FLAG_INLINE_QOS
     length = 20 + len(inline_qos) + len(body)
     if length > _MAX_LENGTH:
         length = 0  # reaches to the end of the message
-    high, low = _halves(number)
-    return _DATA.pack(ids.DATA, flags, length, 0, 16, reader, writer, high, low) + inline_qos + body
+    head = _DATA.pack(
+        ids.DATA, flags, length, 0, 16, reader, writer, number >> 32, number & 0xFFFFFFFF
+    )
+    return head + inline_qos + body
 
 
 def _padded(payload: bytes) -> bytes:

@@ -226,10 +226,10 @@ class DomainSockets:
         """
         return [*([] if self._changes is None else [self._changes.fileno()]), *self._receiving]
 
-    def receive(self, fileno: int) -> Iterator[tuple[memoryview, str]]:
+    def receive(self, fileno: int, most: int = _MAX_BURST) -> Iterator[tuple[memoryview, str]]:
         """Yield datagrams that have come to a descriptor, with the addresses of their senders.
 
-        A datagram is valid until the next one. At most a burst is taken; the rest leaves the
+        A datagram is valid until the next one. At most ``most`` are taken; the rest leaves the
         descriptor readable. A link-local address has the number of its interface, see
         :class:`Locator`.
         """
@@ -237,7 +237,7 @@ class DomainSockets:
             self._take_changes()
             return
         kind, sock = self._receiving[fileno]
-        for _ in range(_MAX_BURST):
+        for _ in range(most):
             try:
                 size, source = sock.recvfrom_into(self._buffer)
             except BlockingIOError:

@@ -59,6 +59,7 @@ class StatefulWriter:
         readers: Its matched readers by GUID.
         reliable_readers: Those of them that acknowledge.
         transient_local: Whether late readers get what is in the history.
+        depth: Samples that the history keeps; None: see the argument.
         last: The last sequence number written; 0: none.
         on_change: Called with the writer when its deadline may have changed other than by a poll.
 
@@ -94,7 +95,7 @@ class StatefulWriter:
         self.last = 0
         self.on_change: Callable[[StatefulWriter], None] = lambda writer: None
         self.transient_local = transient_local
-        self._depth = depth
+        self.depth = depth
         self._limit = limit
         self._fragment_size = fragment_size
         self._is_manual = is_manual
@@ -167,14 +168,14 @@ class StatefulWriter:
 
     def has_room(self) -> bool:
         """Return whether a sample can be written: False with ``depth`` None and a full history."""
-        if self._depth is not None or not self._is_full():
+        if not self._is_full():
             return True
         if self.transient_local:  # the oldest that all readers have makes room
             return self._acked() >= next(iter(self._history))
         return False
 
     def _is_full(self) -> bool:
-        return self._depth is None and (
+        return self.depth is None and (
             len(self._history) >= self._limit or self._octets >= MAX_HISTORY
         )
 
@@ -273,7 +274,7 @@ class StatefulWriter:
 
     def _keep(self, change: Change) -> None:
         """Add a sample to the history."""
-        if self._lifespan != math.inf or self._depth is None:
+        if self._lifespan != math.inf or self.depth is None:
             self.on_change(self)  # it may be the first to expire, or the last that finds room
         self._make_room()
         self._history[change.number] = change
@@ -281,8 +282,8 @@ class StatefulWriter:
 
     def _make_room(self) -> None:
         """Keep the history within its depth when one is added."""
-        if self._depth is not None:
-            while len(self._history) >= self._depth:
+        if self.depth is not None:
+            while len(self._history) >= self.depth:
                 self._drop(next(iter(self._history)))
             return
         acked = self._acked() if self._is_full() else 0
@@ -481,9 +482,11 @@ class StatefulWriter:
 
     def _data(self, change: Change, proxy: ReaderProxy | None) -> list[Packet]:
         """DATA, or DATA_FRAG of all fragments; for all readers, or for one in its form."""
-        guid = None if proxy is None else proxy.guid
-        reader = ids.ENTITY_UNKNOWN if guid is None else guid[ids.PREFIX_SIZE :]
-        payload, inline_qos = _form(change, proxy)
+        guid, reader = None, ids.ENTITY_UNKNOWN
+        payload, inline_qos = change.payload, change.inline_qos
+        if proxy is not None:
+            guid, reader = proxy.guid, proxy.guid[ids.PREFIX_SIZE :]
+            payload, inline_qos = _form(change, proxy)
         if payload is None or len(payload) <= self._fragment_size:
             data = encode_data(
                 reader, self._entity, change.number, payload, inline_qos, change.is_key
