@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, Final
 from ...middleware.base import MiddlewareError, Node, Writer
 from ...printable import printable
 from ...qos import QoSProfile
+from ..log import RateLimit
 from ..objects.client import ProxyClient
 from ..objects.kinds import key_label
 from ..transports.base import INFO, WARNING
@@ -50,6 +51,8 @@ MAX_LEFT: Final = 200
 # fewer than those of a rate; others are probed by :mod:`~uros.agent.policy.liveliness` alone.
 _TALKING_RATE: Final = 0.5
 _ASK_SECONDS: Final = 3.0
+# The time from one log line about a failing middleware to the next, in seconds.
+_FAULT_SECONDS: Final = 60.0
 # How long a new board may take to create its node, whose name is in that of its status. In seconds.
 _NAMING_SECONDS: Final = 2.0
 
@@ -105,6 +108,7 @@ class Diagnostics:
         """Start. What fails is tried again, as the network may not be there yet."""
         self._server = server
         self._rates = snapshot.Rates(server.agent.clients)
+        self._faults = RateLimit(_FAULT_SECONDS, clock=server.clock.monotonic)
         server.wake_at(0.0, self._begin)
 
     def close(self) -> None:
@@ -137,10 +141,10 @@ class Diagnostics:
     def _failed(self, server: Server, error: Exception) -> None:
         if not isinstance(error, MiddlewareError):
             server.agent.failed(error)
-        elif (times := server.agent.faults.times("diagnostics")) is not None:
+        elif (times := self._faults.times("diagnostics")) is not None:
             server.note(
                 WARNING, "Diagnostics", "publish", "middleware error",
-                f"{error}{times} (tried again in {self._period:g} s)",
+                f"{error}{times} (tried again every {self._period:g} s)",
             )  # fmt: skip
         self._disconnect()
 

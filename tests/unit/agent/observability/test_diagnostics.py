@@ -305,7 +305,8 @@ def test_a_failing_middleware_is_tried_again_and_boards_are_served(where, error)
         board.send(write_data(WRITER, b"\0\0\0\0"))
         assert hall.last(100) == {}
     assert str(error) in hall.desk.log()
-    assert hall.desk.log().count(str(error)) <= 12  # at most two lines a second
+    if isinstance(error, MiddlewareError):  # all others are logged as faults of uros
+        assert hall.desk.log().count(str(error)) == 1
     assert [node.full_name for node in middleware.bus.nodes] == ["/tool", "/ns/board"] or (
         where == "write"
     )

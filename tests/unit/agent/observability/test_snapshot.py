@@ -337,6 +337,21 @@ def test_all_counts_of_the_last_seconds(owner):
     assert (recent._asdict(), over) == ({name: i for i, name in enumerate(names)}, 7.0)
 
 
+def test_a_lost_line_and_the_memory_held_for_a_client(owner, monkeypatch):
+    board = Board(owner.desk)
+    board.ask(*publisher_entities())
+    assert not owner.client()["line_lost"]
+    assert owner.client()["held"] == of(board).held() > 0
+    monkeypatch.setattr(owner.desk.place, "is_away", lambda peer: peer == 1)
+    assert owner.client()["line_lost"]
+
+
+def test_the_places_and_the_memory_of_the_agent(owner):
+    assert (owner.see()["max_clients"], owner.see()["memory_full"]) == (4096, False)
+    owner.agent.budget.full = True
+    assert owner.see()["memory_full"]
+
+
 def test_the_time_until_a_message_is_acknowledged(owner):
     board = Board(owner.desk, polite=False)
     assert (owner.client()["round_trip"], owner.client()["unacknowledged_for"]) == (None, 0.0)
