@@ -22,7 +22,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 OLDEST = (3, 10)
-NEWEST = (3, 13)  # the newest with wheels of cyclonedds
+NEWEST = (3, 14)  # the newest that the tests ran on
 NODE_OLDEST = 18
 
 VENV = ROOT / ".venv"

@@ -18,4 +18,5 @@ FILES = (
     "middleware/discovery_info/test_gid_size.py",
     "middleware/test_auto.py",
     "middleware/test_type_conflicts.py",
+    "test_bench.py",
 )

@@ -619,6 +619,7 @@ def test_all_names_and_policies_of_rules_are_on_the_page():
 GLOSSARY = ROOT / "docs" / "design" / "glossary.md"
 
 
+@pytest.mark.cyclone
 def test_every_class_of_the_glossary_exists():
     wrong, named = [], 0
     for line in GLOSSARY.read_text("utf-8").splitlines():

@@ -123,4 +123,5 @@ def test_the_doctor_says_what_is_used(environment):
     told = json.loads(uros(environment, "doctor", *options, status=(0, 1)))
     (one,) = [one for one in told["findings"] if one["check"] == "engine"]
     assert one["state"] == "ok"
+    assert "graph" not in {one["check"] for one in told["findings"]}, "a domain was not joined"
     assert "cyclonedds is not installed" in one["what"] and "use rtps" in one["what"]

@@ -144,7 +144,7 @@ def test_warnings_about_dates(authority, tmp_path):
     old = Authority(tmp_path).agent(not_after=now - day)
     assert Certificates(*old).doubt() == "certificate has expired"
     early = Authority(tmp_path).agent(not_before=now + day)
-    assert Certificates(*early).doubt() == "certificate is not yet valid"
+    assert Certificates(*early).doubt().startswith("certificate is not yet valid")
 
 
 def test_files_that_change(authority, files):
