@@ -1,10 +1,11 @@
-# Each of these needs only Python 3.10 to 3.13, git and make: what is missing goes into .venv.
+# Each of these needs only Python 3.10 to 3.14, git and make: what is missing goes into .venv.
 #
 #   make demo [SECONDS=20]   a virtual board, through the agent, on the ROS 2 network
 #   make board [NAME=...]    a virtual board and an agent; NAME=list has them
 #   make quick               lint and the unit tests without the long ones: for daily work
 #   make test                all tests that a change must pass
 #   make test-full           these and the slow ones
+#   make test-arm64          the quick tests and the demo in an emulated Debian on arm64; as root
 #   make coverage            how much of wire and agent their own tests reach
 #   make fuzz [TARGET=...] [SECONDS=600]   any bytes against one part, or all
 #   make soak [SECONDS=3600] a hundred boards that come and go
@@ -17,7 +18,7 @@
 
 PYTHON ?= python3
 
-.PHONY: demo board quick test test-full coverage fuzz soak lint bench bench-board clean
+.PHONY: demo board quick test test-full test-arm64 coverage fuzz soak lint bench bench-board clean
 
 demo:
 	@$(PYTHON) scripts/env.py run
@@ -43,6 +44,9 @@ test-full:
 	@$(PYTHON) scripts/env.py test
 	@.venv/bin/python tests/run.py --full $(ARGS)
 	@$(if $(ARGS),,.venv/bin/python scripts/cover.py)
+
+test-arm64:
+	@$(PYTHON) scripts/arm64.py $(ARGS)
 
 coverage:
 	@$(PYTHON) scripts/env.py test
