@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import os
 import signal
 import threading
@@ -193,6 +194,10 @@ def _serve(options: argparse.Namespace, parts: list[argparse.Namespace]) -> int:
     status_socket.attach(options, server)
     if options.stop_at_eof:
         threading.Thread(target=_stop_at_eof, args=(server,), daemon=True).start()
+    # What is there by now stays. Full collections of it would take 10 ms each, in which no board is
+    # served.
+    gc.collect()
+    gc.freeze()
     watchdog.start()
     try:
         server.run()

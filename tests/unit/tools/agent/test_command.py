@@ -1,10 +1,12 @@
 """The command line of ``uros agent``: what it takes, and what is made of it."""
 
 import argparse
+import gc
 
 import pytest
 from unit.agent.transports.test_process import agent as process
 
+from uros.agent.server import Server
 from uros.agent.transports import rfcomm
 from uros.agent.transports.base import TransportError
 from uros.middleware import NAMES
@@ -197,3 +199,14 @@ def test_a_missing_or_unknown_transport_lists_the_known_ones(arguments, said, ca
     assert cli.main(["agent", *arguments]) == 2
     printed = capsys.readouterr()
     assert said in printed.err and printed.out == ""
+
+
+def test_full_garbage_collections_leave_out_what_was_there_before_the_agent_serves(monkeypatch):
+    """One of all of it would keep the boards waiting for 10 ms."""
+    frozen = []
+    monkeypatch.setattr(Server, "run", lambda server: frozen.append(gc.get_freeze_count()))
+    try:
+        assert cli.main(["agent", "udp4", "-p", "0", "-m", "memory", "--no-inspection"]) == 0
+        assert frozen[0] > 10_000
+    finally:
+        gc.unfreeze()
