@@ -62,14 +62,6 @@ MAX_PARTICIPANTS_OF_ADDRESS: Final = 250
 MAX_KNOWN: Final = 64 * 1024 * 1024
 # Where all places are taken, one that has not answered for so many seconds makes room for another.
 _UNPROVEN: Final = 1.0
-# Seconds between announcements to a participant that was heard: two of them before our lease ends.
-_DIRECTED_PERIOD: Final = LEASE_MS / 3000
-# Seconds for which a participant gets nothing before an announcement of ours that is longer than
-# what has come from it: it announces itself several times at first.
-_INTRODUCTION: Final = 0.5
-# Fast DDS announces itself a moment before it handles what comes, so our answer may be lost. One
-# that announces itself again and has not answered gets another one, after so many seconds.
-_ANSWER_PAUSE: Final = 0.05
 # Octets of early and incomplete samples of all readers.
 MAX_HELD: Final = 64 * 1024 * 1024
 # Seconds without a poll after which this process was stopped. Announcements of others are still
@@ -130,8 +122,6 @@ class Participant:
         )
         self._prefix = prefix
         self._domain = domain
-        self._peers = peers
-        self._announce_to = [*multicast, *peers]
         self._fragment_size = (message_size - _FRAGMENT_OVERHEAD) & ~3
         self._budget = OctetBudget(MAX_HELD)
         self._known = OctetBudget(MAX_KNOWN)
@@ -142,7 +132,7 @@ class Participant:
             self.guid, domain, "", builtin.SERVED, LEASE_MS,
             unicast, multicast, unicast if data is None else data, [], user_data,
         )  # fmt: skip
-        self._announcer = ParticipantAnnouncer(announced, now)
+        self._announcer = ParticipantAnnouncer(announced, peers, now)
         self._now = now
         self._outbox = Outbox(prefix, self.remotes, message_size)
         self._schedule = EndpointSchedule()
@@ -196,7 +186,6 @@ class Participant:
     ) -> None:
         """Announce that we receive elsewhere from now on; see the class for the arguments."""
         self._announcer.move(unicast, multicast, unicast if data is None else data, now)
-        self._announce_to = [*multicast, *self._peers]
         for remote in self.remotes.values():
             remote.announced_at = float("-inf")
 
@@ -444,10 +433,7 @@ class Participant:
             if not remote.is_from(source):
                 return  # another host uses its GUID
             remote.hear(source)
-            if remote.lacks_announcement:
-                self._introduce(remote, now)
-            elif not remote.is_proven and now - remote.announced_at >= _ANSWER_PAUSE:
-                self._introduce(remote, now)
+            self._outbox.datagrams += self._announcer.answer(remote, now)
             remote.lease = lease(announced)
             remote.expires = now + remote.lease
             self._schedule.touch(remote)
@@ -471,7 +457,7 @@ class Participant:
         remote.hear(source)
         remote.received = octets
         self._schedule.touch(remote)
-        self._introduce(remote, now)
+        self._outbox.datagrams += self._announcer.introduce(remote, now)
         self._match_builtin(remote, now)
         self.on_participant(announced, True)
         return remote
@@ -482,15 +468,6 @@ class Participant:
         again = self._meet(remote.data, source, 0, now)
         if again is not None:
             again.is_proven = remote.is_proven
-
-    def _introduce(self, remote: RemoteParticipant, now: float) -> None:
-        """Announce ourselves to a participant: it need not wait for our next announcement."""
-        place = remote.place(remote.data.metatraffic_unicast)
-        if place is not None:
-            message = self._announcer.announcement()
-            if remote.may_announce(len(message)):
-                remote.announced_at = now
-                self._outbox.datagrams.append((message, place))
 
     def _exchange(self, before: int, after: int, holder: bytes) -> bool:
         """Account for what is known anew; False where a participant would know too much."""
@@ -564,8 +541,7 @@ class Participant:
             return
         self._now = now
         if now >= self._announcer.due:
-            self._announcer.advance(now)
-            self._announce(now)
+            self._outbox.datagrams += self._announcer.announce(self.remotes.values(), now)
         self._liveliness.poll(now)
         if now - self._polled_at > _STOPPED:
             for remote in self.remotes.values():
@@ -582,49 +558,15 @@ class Participant:
                 for guid, octets in item.poll(now):
                     self._outbox.add(guid, octets)
             elif item.expires <= now:
-                self._give_up(item)
+                self._outbox.datagrams += self._announcer.give_up(item)
+                self._forget(item)
         self.flush()
-
-    def _give_up(self, remote: RemoteParticipant) -> None:
-        """Forget a participant whose lease has ended, and tell it so.
-
-        It may have been stopped, and go on. Fast DDS would then count as received what we have
-        acknowledged before, and not send it again: it has to discover us anew too.
-        """
-        message = self._announcer.farewell()
-        place = remote.place(remote.data.metatraffic_unicast)
-        if place is not None and remote.is_proven:
-            self._outbox.datagrams.append((message, place))
-        self._forget(remote)
-
-    def _announce(self, now: float) -> None:
-        """Announce ourselves to all, and now and then to each that was heard.
-
-        Some are beyond the reach of multicast, and no peers of ours: they have us as a peer.
-        """
-        message = self._announcer.announcement()
-        places = dict.fromkeys(self._announce_to)
-        for remote in self.remotes.values():
-            remote.lacks_announcement &= now - remote.since < _INTRODUCTION
-            if now - remote.announced_at < _DIRECTED_PERIOD:
-                continue
-            place = remote.place(remote.data.metatraffic_unicast)
-            if place is not None and place not in places and remote.may_send(len(message)):
-                remote.announced_at = now
-                places[place] = None
-        self._outbox.datagrams += [(message, place) for place in places]
 
     def close(self) -> None:
         """Say farewell; idempotent."""
         if self._closed:
             return
         self._closed = True
-        message = self._announcer.farewell()
-        places = dict.fromkeys(self._announce_to)
-        for remote in self.remotes.values():
-            place = remote.place(remote.data.metatraffic_unicast)
-            if place is not None and remote.may_send(len(message)):
-                places[place] = None
-        self._outbox.datagrams += [(message, place) for place in places]
+        self._outbox.datagrams += self._announcer.leave(self.remotes.values())
         for reader in self.readers.values():
             reader.state.close()

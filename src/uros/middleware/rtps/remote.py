@@ -193,6 +193,10 @@ class RemoteParticipant:
                 return found._replace(address=address)
         return None
 
+    def discovery_place(self) -> Locator | None:
+        """Return where it receives announcements."""
+        return self.place(self.data.metatraffic_unicast)
+
     def leave_address(self, address: str) -> None:
         """Send no longer to an address, if it was heard from another one too."""
         if len(self.heard) > 1:

@@ -295,4 +295,4 @@ def test_an_announcement_of_many_interfaces_fits_into_a_message(message_size, ad
     data = ParticipantData(
         bytes(16), 0, "", 0, 20_000, places, groups, places, [], user_data.PARTICIPANT
     )
-    assert len(ParticipantAnnouncer(data, 0.0).announcement()) <= message_size
+    assert len(ParticipantAnnouncer(data, [], 0.0).announcement()) <= message_size
