@@ -125,6 +125,19 @@ def test_a_long_list_of_nodes_is_announced_as_fast_as_others_parse_it(own_domain
     middleware.close()
 
 
+def test_the_nodes_of_an_agent_with_thousands_of_boards_are_known(own_domain_id):
+    pair = Pair(own_domain_id)
+    ours, theirs = pair.domains
+    boards = [
+        codec.NodeEntities("/", f"board_{number}", [GUID] * 2, [GUID] * 3)
+        for number in range(4095)
+    ]
+    theirs.info.nodes.extend(boards)
+    theirs.info.changed()
+    pair.until(lambda: len(names(ours, theirs)) == 1 + len(boards))
+    pair.close()
+
+
 def test_a_flood_of_messages_pauses_the_reader_and_the_last_one_counts(own_domain_id, monkeypatch):
     """Beyond the rate the reader is deleted; the one that is created later gets the last sample."""
     monkeypatch.setattr(intake, "BURST", 4096)
