@@ -129,8 +129,7 @@ def test_the_nodes_of_an_agent_with_thousands_of_boards_are_known(own_domain_id)
     pair = Pair(own_domain_id)
     ours, theirs = pair.domains
     boards = [
-        codec.NodeEntities("/", f"board_{number}", [GUID] * 2, [GUID] * 3)
-        for number in range(4095)
+        codec.NodeEntities("/", f"board_{number}", [GUID] * 2, [GUID] * 3) for number in range(4095)
     ]
     theirs.info.nodes.extend(boards)
     theirs.info.changed()
