@@ -213,8 +213,15 @@ class StatefulWriter:
         self.last += 1
         reliable = self.reliable_readers
         is_kept = bool(reliable) or self.transient_local
-        if not is_kept and not self.readers:
-            return []
+        if not is_kept:
+            if not self.readers:
+                return []
+            size = 0 if payload is None else len(payload)
+            if readers is None and with_header is None and size <= self._fragment_size:
+                data = encode_data(
+                    ids.ENTITY_UNKNOWN, self._entity, self.last, payload, inline_qos, is_key
+                )
+                return [Packet(None, data, time_ns)]
         change = Change(
             self.last, payload, inline_qos, time_ns, readers, is_key, with_header,
             now + self._lifespan,
