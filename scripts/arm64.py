@@ -64,8 +64,11 @@ NOT_EMULATED = {
     "tests/unit/boards/virtual/world/test_rover.py"
     "::test_the_simulation_is_twenty_times_faster_than_real_time": "the speed of the hardware",
 }
-# What needs `env.py micropython`, whose Node is not installed in there.
-NOT_INSTALLED = ("tests/unit/tools/board/test_moved_imports.py::test_run[micropython]",)
+# What needs `env.py micropython` or tshark, which are not installed in there.
+NOT_INSTALLED = (
+    "tests/unit/tools/board/test_moved_imports.py::test_run[micropython]",
+    "tests/unit/tools/capture/test_recordings.py::test_a_file_of_wireshark",
+)
 
 
 def check() -> None:
