@@ -278,6 +278,7 @@ class Direct(NodeConnection):
         self._nodes: dict[Any, base.Node] = {}
         self._endpoints: dict[int, _Endpoint] = {}  # by the entity's number
         self._waiting: set[_ReceivingEndpoint] = set()  # endpoints that may have more samples
+        self._dispatched = False  # since the last pump
         self._stalled = False  # whether the middleware could not send a reply, which is retried
         self._conflicts: set[tuple[str, str, str]] = set()
         middleware.on_type_conflict = self._type_conflict
@@ -349,17 +350,26 @@ class Direct(NodeConnection):
         endpoint = self._endpoints.get(object_id >> 4)
         if endpoint is None:
             return 0
+        if isinstance(endpoint, _Writer):
+            self._dispatch()
         number = endpoint.write(message, prefix)
         if prefix and not number:
             self._stalled = True
-        # A program that only publishes may never pump, and rtps has no thread that receives.
+        self.middleware.tick()  # a program that only writes may never pump
+        return number
+
+    def _dispatch(self) -> None:
+        """Receive: a program that only publishes may never pump, and rtps has no thread for it.
+
+        What came is handled by the next pump, which does not wait then. A request is written
+        without that: its reply must not come before the client knows its number.
+        """
         self.interrupt.hold()
         try:
             self.middleware.dispatch()
-            self.middleware.tick()
         finally:
             self.interrupt.release()
-        return number
+        self._dispatched = True
 
     # --- the loop -------------------------------------------------------------------------------
 
@@ -390,6 +400,9 @@ class Direct(NodeConnection):
         for endpoint in list(self._waiting):
             if endpoint.fill():
                 seconds = 0.0
+        if self._dispatched:
+            self._dispatched = False
+            seconds = 0.0
         deadline = middleware.next_deadline()
         if deadline is not None:
             seconds = min(seconds, max(0.0, deadline - time.monotonic()))

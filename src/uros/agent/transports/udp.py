@@ -12,8 +12,6 @@ _LARGEST: Final = 65536
 # The size of the socket's buffers in bytes: a burst of a hundred boards must fit. The kernel may
 # grant less.
 _SOCKET_BUFFER: Final = 4 * 1024 * 1024
-# Messages that come within so many seconds are a burst.
-_BURST_PAUSE: Final = 0.0001
 
 
 class UdpServer(ServerTransport):
@@ -29,7 +27,6 @@ class UdpServer(ServerTransport):
         self._socket: socket.socket | None = None
         self._buf = bytearray(_LARGEST)
         self._view = memoryview(self._buf)
-        self._drained_at = 0.0
 
     def open(self, host: Host) -> None:
         """Open and start watching; raises TransportError."""
@@ -51,12 +48,8 @@ class UdpServer(ServerTransport):
         recvfrom_into, now = sock.recvfrom_into, host.now()
         budget = MAX_BURST_BYTES
         count = 0
-        # A second try for one message costs a tenth of the message. Where more follow at once, the
-        # next turn takes them together.
-        monotonic = host.clock.monotonic()
-        is_burst, self._drained_at = monotonic - self._drained_at < _BURST_PAUSE, monotonic
         try:
-            for count in range(MAX_BURST if is_burst else 1):  # noqa: B007  received so far
+            for count in range(MAX_BURST):  # noqa: B007  received so far
                 try:
                     length, peer = recvfrom_into(buf)
                 except BlockingIOError:
@@ -73,7 +66,7 @@ class UdpServer(ServerTransport):
                 if budget <= 0:
                     count += 1
                     return
-            count += 1
+            count = MAX_BURST
         finally:  # counted once a burst
             self.messages += count
             self.bytes += MAX_BURST_BYTES - budget
