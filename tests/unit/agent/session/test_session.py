@@ -1,6 +1,8 @@
 """The session alone: datagrams and the time in, datagrams out."""
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from unit.agent.helpers import (
     KEY,
     SESSION,
@@ -22,7 +24,7 @@ from uros.ticks import TIME_MASK
 from uros.wire import ids
 from uros.wire.cdr import Reader
 from uros.wire.errors import DecodeError, LimitError
-from uros.wire.header import MessageWriter
+from uros.wire.header import MessageWriter, push_header, push_subheader
 from uros.wire.session import pull_acknack, pull_heartbeat
 from uros.wire.streams import MAX_MESSAGE, split
 
@@ -907,3 +909,20 @@ def test_answers_carry_the_key_where_the_session_id_is_low():
     w.begin(ids.STATUS)
     w.octets(b"123456")
     assert datagram == w.finish()
+
+
+@given(
+    session_id=st.integers(1, 0xFF), key=st.integers(1, 0xFFFFFFFF), stream=st.integers(1, 0x7F),
+    flags=st.integers(0, 0xFF), payload=st.binary(max_size=200), before=st.integers(0, 3),
+)  # fmt: skip
+def test_a_message_has_the_headers_of_the_wire(session_id, key, stream, flags, payload, before):
+    """The session packs them at once; the plain form is that of the wire."""
+    session = Session(key, session_id, 512, Handler())
+    for _ in range(before):
+        session.send(ids.DATA, 1, stream, b"", 0)
+    session.outgoing.clear()
+    assert session.send(ids.DATA, flags, stream, payload, 0)
+    plain = bytearray(300)
+    at = push_header(plain, session_id, stream, before, key)
+    at = push_subheader(plain, at, ids.DATA, flags, len(payload))
+    assert session.outgoing == [bytes(plain[:at]) + payload]

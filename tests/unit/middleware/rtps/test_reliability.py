@@ -589,3 +589,22 @@ def test_a_reader_asks_more_and_more_seldom_until_a_heartbeat_answers():
     assert pauses == sorted(pauses) and 5.0 < pauses[-1] < 10.0
     end.reader.receive(WRITER, Heartbeat(bytes(4), bytes(4), 1, 0, 1, True, False), now)
     assert not list(end.reader.poll(now + 100)) and end.reader.next_deadline() is None
+
+
+@given(
+    payload=st.one_of(st.none(), st.binary(min_size=4, max_size=2 * FRAGMENT)),
+    inline_qos=st.sampled_from([b"", b"\1\0\0\0"]), is_key=st.booleans(),
+    time_ns=st.one_of(st.none(), st.integers(0, 2**62)),
+)  # fmt: skip
+def test_what_nobody_acknowledges_is_written_as_what_is_kept(payload, inline_qos, is_key, time_ns):
+    """Samples that are not kept take a shorter way; the plain form is that of those that are."""
+    short, plain = (
+        StatefulWriter(WRITER, False, transient_local, 10, FRAGMENT)
+        for transient_local in (False, True)
+    )
+    written = []
+    for writer in (short, plain):
+        assert writer.match(guid(1), False, False, 0.0) == []
+        written.append(writer.write(payload, time_ns, 0.0, inline_qos, None, is_key))
+    assert written[0] == written[1]
+    assert short.last == plain.last == 1
