@@ -30,8 +30,8 @@ class RtpsCapture:
                 return True
             return send(sockets, datagram, place)
 
-        def recording_receive(sockets):
-            for datagram, source in receive(sockets):
+        def recording_receive(sockets, fileno):
+            for datagram, source in receive(sockets, fileno):
                 self.datagrams.append(bytes(datagram))
                 yield datagram, source
 
