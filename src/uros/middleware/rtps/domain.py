@@ -24,7 +24,7 @@ from .parameters import EndpointData, ParticipantData
 from .participant import Participant
 from .reader import Sample
 from .reassembly import OctetBudget
-from .udp import DomainSockets
+from .udp import MAX_BURST, DomainSockets
 
 # A sample of megabytes must not keep the data plane from the boards, nor overflow the receiver's
 # buffer, which has 208 kB on Linux: octets that are sent to one place at once, and the pause after
@@ -98,6 +98,8 @@ class RtpsDomain:
         self._backlog: dict[Locator, deque[bytes]] = {}
         self._backlog_octets = OctetBudget(_MAX_BACKLOG_OCTETS)
         self._backlog_at: float | None = None
+        self._is_behind = False  # whether discovery is to be handled before samples
+        self._has_waited = False  # whether samples were left out since they were received
         self._conflicts = TypeConflicts(self._on_type_conflict)
         now = time.monotonic()
         settings = network.read_settings(environment, number)
@@ -265,13 +267,25 @@ class RtpsDomain:
     def receive(self, fileno: int) -> None:
         """Handle a burst of datagrams of a descriptor.
 
-        What they have us send waits for a flush or a tick.
+        What they have us send waits for a flush or a tick. Where not all of discovery was handled,
+        what announces the writer of a sample may be in the rest: then samples are left out once.
         """
+        is_for_samples = self._sockets.is_for_samples(fileno)
+        if is_for_samples and self._is_behind:
+            self._is_behind, self._has_waited = False, True
+            return
         now = time.monotonic()
+        count, is_late = 0, False
         for datagram, source in self._sockets.receive(fileno):
             self.participant.receive(datagram, source, now)
-            if time.monotonic() - now > _RECEIVE_SECONDS:
+            count += 1
+            is_late = time.monotonic() - now > _RECEIVE_SECONDS
+            if is_late:
                 break
+        if is_for_samples:
+            self._has_waited = False
+        else:
+            self._is_behind = (is_late or count >= MAX_BURST) and not self._has_waited
         if self.participant.has_output:
             self._context.unsent.add(self)
 

@@ -33,7 +33,7 @@ SCAN_PERIOD: Final = 3.0
 _SCAN_PAUSE: Final = 0.1
 _LARGEST: Final = 65536
 # Attack: a flood of datagrams. A socket is drained up to so many, then others have their turn.
-_MAX_BURST: Final = 64
+MAX_BURST: Final = 64
 # Errors of sending that say that an address is not reached from here.
 _UNREACHABLE: Final = frozenset(
     (errno.ENETUNREACH, errno.EHOSTUNREACH, errno.ENODEV, errno.ENXIO, errno.EADDRNOTAVAIL,
@@ -88,6 +88,7 @@ class DomainSockets:
         self._interfaces: list[Interface] = []
         self._sockets: dict[int, IpSockets] = {}
         self._receiving: dict[int, tuple[int, socket.socket]] = {}  # by descriptor
+        self._for_samples: set[int] = set()  # descriptors
         self._changes: socket.socket | None = None
         self._buffer = bytearray(_LARGEST)
         self._view = memoryview(self._buffer)
@@ -103,6 +104,7 @@ class DomainSockets:
             raise
         for kind, each in self._sockets.items():
             self._receiving.update((sock.fileno(), (kind, sock)) for sock in each.sockets)
+            self._for_samples.add(each.sockets[-1].fileno())
         if not settings.stays_local:
             self._changes = change_socket()
         self.scan(now)
@@ -226,7 +228,11 @@ class DomainSockets:
         """
         return [*([] if self._changes is None else [self._changes.fileno()]), *self._receiving]
 
-    def receive(self, fileno: int, most: int = _MAX_BURST) -> Iterator[tuple[memoryview, str]]:
+    def is_for_samples(self, fileno: int) -> bool:
+        """Return whether a descriptor is that of a port for samples, and not for discovery."""
+        return fileno in self._for_samples
+
+    def receive(self, fileno: int, most: int = MAX_BURST) -> Iterator[tuple[memoryview, str]]:
         """Yield datagrams that have come to a descriptor, with the addresses of their senders.
 
         A datagram is valid until the next one. At most ``most`` are taken; the rest leaves the
@@ -253,7 +259,7 @@ class DomainSockets:
         """Have the interfaces looked at soon."""
         assert self._changes is not None
         self.scan_at = self._scanned_at + _SCAN_PAUSE
-        for _ in range(_MAX_BURST):
+        for _ in range(MAX_BURST):
             try:
                 self._changes.recv(_LARGEST)
             except BlockingIOError:

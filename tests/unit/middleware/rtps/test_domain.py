@@ -52,6 +52,37 @@ def test_a_flood_of_datagrams_ends_a_turn_after_two_milliseconds(middleware, mon
     assert 1 <= len(taken) <= 3
 
 
+def test_samples_wait_once_for_discovery_that_was_not_handled_wholly(middleware, monkeypatch):
+    """What announces the writer of a sample may be in the rest; a flood must not hold them up."""
+    sockets = middleware.domain._sockets
+    samples = next(filter(sockets.is_for_samples, sockets.filenos()))
+    discovery = next(iter(sockets._receiving))
+    assert sockets.is_for_samples(samples) and not sockets.is_for_samples(discovery)
+    waiting, taken = {}, []
+
+    def receive(fileno):
+        while waiting.get(fileno):
+            waiting[fileno] -= 1
+            taken.append(fileno)
+            yield memoryview(submessages.header(ids.NO_PREFIX)), "127.0.0.1"
+
+    def turn():
+        taken.clear()
+        for fileno in (discovery, samples):
+            middleware.domain.receive(fileno)
+        return set(taken)
+
+    monkeypatch.setattr(sockets, "receive", receive)
+    monkeypatch.setattr(domain_module, "time", Clock())  # two datagrams take a turn's time
+    waiting.update({discovery: 1, samples: 1})
+    assert turn() == {discovery, samples}
+    waiting.update({discovery: 4, samples: 1})
+    assert turn() == {discovery}
+    assert turn() == {discovery, samples}
+    waiting.update({discovery: 1000, samples: 1000})
+    assert [samples in turn() for _ in range(6)] == [False, True] * 3
+
+
 def test_a_notice_of_a_mismatch_is_short_whatever_the_network_sends(middleware):
     """Attack: 1000 notices with 32 kB of partitions each, which are remembered."""
     notices = []
