@@ -80,3 +80,26 @@ def test_a_descriptor_is_readable_while_one_of_its_own_is(polled, pair):
     assert not select.select([polled.fileno()], [], [], 0)[0]
     pair[1].send(b"x")
     assert select.select([polled.fileno()], [], [], 1)[0]
+
+
+def test_has_input_tells_whether_a_receive_finds_something(pair, monkeypatch):
+    ours, other = pair
+    assert not poller.has_input(ours.fileno())
+    other.send(b"one")
+    assert poller.has_input(ours.fileno())
+    ours.recv(10)
+    assert not poller.has_input(ours.fileno())
+    monkeypatch.setattr(poller, "_FIONREAD", 0)  # as on Windows: it has to be tried
+    assert poller.has_input(ours.fileno())
+
+
+def test_one_ready_descriptor_of_many_is_returned_alone(polled):
+    pairs = [socket.socketpair() for _ in range(3)]
+    for ours, _ in pairs:
+        polled.watch(ours.fileno(), ours.fileno)
+    for count, (_, other) in enumerate(pairs, 1):
+        other.send(b"x")
+        assert {call() for call in polled.poll(1)} == {ours.fileno() for ours, _ in pairs[:count]}
+    for both in pairs:
+        for end in both:
+            end.close()

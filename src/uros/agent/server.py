@@ -74,6 +74,7 @@ class Server:
         self._monotonic = agent.clock.monotonic
         self.started = self._monotonic()
         agent.middleware.batching = True
+        self._engines = agent.middleware.engines
         self._poller = poller.create()
         self._wake = WakeupFd()
         self._stopping = False
@@ -223,14 +224,20 @@ class Server:
         return self._stopping
 
     def _deadline(self) -> float | None:
-        """Return when the middleware must be called."""
+        """Return when a timer or the middleware is due, or None."""
+        deadline = None
         try:
-            deadline = self.agent.middleware.next_deadline()
+            for engine in self._engines:
+                at = engine.next_deadline()
+                if at is not None and (deadline is None or at < deadline):
+                    deadline = at
         except Exception as error:  # the loop must continue to serve boards
             self.agent.failed(error)
             deadline = self._tick_after = self._monotonic() + _AGAIN
         if deadline is not None and deadline < self._tick_after:
             deadline = self._tick_after
+        if self._calls and (deadline is None or self._calls[0][0] < deadline):
+            deadline = self._calls[0][0]
         return deadline
 
     def _dispatch(self) -> None:
@@ -248,11 +255,10 @@ class Server:
 
     def _turn(self) -> None:
         """Wait for events and timers, and handle them."""
-        middleware, agent = self.agent.middleware, self.agent
-        deadline = self._deadline()
-        if self._calls and (deadline is None or self._calls[0][0] < deadline):
-            deadline = self._calls[0][0]
-        timeout = None if deadline is None else max(0.0, deadline - self._monotonic())
+        agent, deadline = self.agent, self._deadline()
+        timeout = None
+        if deadline is not None and (timeout := deadline - self._monotonic()) < 0:
+            timeout = 0.0
         self.asleep = True
         ready = self._poller.poll(timeout)
         self.asleep = False
@@ -266,11 +272,12 @@ class Server:
                 self.agent.failed(error)
         if deadline is not None and (now := self._monotonic()) >= deadline:
             self._due(now)
-        try:
-            middleware.flush()
-            middleware.dispatch_local()
-        except Exception as error:  # likewise
-            self.agent.failed(error)
+        for engine in self._engines:
+            try:
+                engine.flush()
+                engine.dispatch_local()
+            except Exception as error:  # likewise
+                self.agent.failed(error)
         if agent.attended:
             self._attend()
         if agent.budget.since > agent.budget.room:

@@ -109,6 +109,7 @@ class AutoMiddleware(Middleware):
     def __init__(self, dds: DdsMiddleware) -> None:
         super().__init__()
         self.dds = dds
+        self.engines = [dds]
         self._rtps: RtpsMiddleware | None = None
         self._rtps_was_tried = False
         # Both have a descriptor of their own; a selector that has one makes one of them.
@@ -143,6 +144,7 @@ class AutoMiddleware(Middleware):
                 )
             else:
                 self._configure(self._rtps)
+                self.engines.append(self._rtps)
                 self._poller.watch(self._rtps.fileno(), self._rtps.dispatch)
         return self._rtps
 

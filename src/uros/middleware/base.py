@@ -243,6 +243,9 @@ class Middleware(ABC):
         on_notice: Called with each notice for the user, once. Set before the first node.
         batching: Whether the caller calls :meth:`flush` after each burst, so that samples may be
             held back until then. Set before the first node.
+        engines: What it consists of: itself, or those that it combines, which may become more. The
+            agent calls :meth:`flush`, :meth:`dispatch_local` and :meth:`next_deadline` of each, for
+            each message.
     """
 
     name = ""
@@ -253,6 +256,7 @@ class Middleware(ABC):
 
     def __init__(self) -> None:
         self._noticed: set[str] = set()
+        self.engines: list[Middleware] = [self]
 
     def notice(self, text: str) -> None:
         """Pass a notice to :attr:`on_notice`, once for each text."""

@@ -57,9 +57,10 @@ def serve_and_call(node, middleware):
 def test_rtps_is_opened_for_the_first_service(middleware, own_domain_id):
     node = middleware.create_node(own_domain_id, "/", "node")
     node.create_writer("rt/chatter", STRING, QoSProfile())
-    assert middleware._rtps is None
+    assert middleware.engines == [middleware.dds]
     assert serve_and_call(node, middleware) == REQUEST
     assert isinstance(middleware._rtps, RtpsMiddleware)
+    assert middleware.engines == [middleware.dds, middleware._rtps]
 
 
 def test_services_go_over_dds_with_one_notice_where_rtps_cannot_run(

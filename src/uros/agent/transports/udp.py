@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 from typing import Final
 
+from ...poller import has_input
 from .base import ERROR, INFO, MAX_BURST, MAX_BURST_BYTES, Host, ServerTransport
 from .ip import Address, family_of, listening_socket, text_of, warn_without_ipv6
 
@@ -45,7 +46,7 @@ class UdpServer(ServerTransport):
         if sock is None:
             return
         host, buf, view, sessions = self._host, self._buf, self._view, self.sessions
-        recvfrom_into, now = sock.recvfrom_into, host.now()
+        recvfrom_into, fileno, now = sock.recvfrom_into, sock.fileno(), host.now()
         budget = MAX_BURST_BYTES
         count = 0
         try:
@@ -63,7 +64,7 @@ class UdpServer(ServerTransport):
                 else:
                     host.unmatched(self, peer, buf, view, length)
                 budget -= length
-                if budget <= 0:
+                if budget <= 0 or (not count and not has_input(fileno)):
                     count += 1
                     return
             count = MAX_BURST

@@ -16,6 +16,7 @@ and the dependency is pinned.
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Callable
 from typing import Any, Final
 
 from cyclonedds import _clayer
@@ -475,7 +476,8 @@ def _is_ops_table(address: int) -> bool:
 
 # --- samples --------------------------------------------------------------------
 
-_ddspy_write = _clayer.ddspy_write
+# Writes a sample whose length is a multiple of 4; returns a code, see :func:`is_written`.
+write_aligned: Callable[[int, Bytes], int] = _clayer.ddspy_write
 _ddspy_writedispose = _clayer.ddspy_writedispose
 _ddspy_take = _clayer.ddspy_take
 _ddspy_read = _clayer.ddspy_read
@@ -487,8 +489,7 @@ _LARGE: Final = 64 * 1024
 
 def write(writer: int, cdr: Bytes) -> bool:
     """Write one sample; return False if the writer has no room and would block."""
-    code: int = _ddspy_write(writer, _padded(cdr) if len(cdr) & 3 else cdr)
-    return code == 0 or _has_no_room(code)
+    return is_written(write_aligned(writer, _padded(cdr) if len(cdr) & 3 else cdr))
 
 
 def write_disposed(writer: int, cdr: Bytes) -> bool:
@@ -498,7 +499,7 @@ def write_disposed(writer: int, cdr: Bytes) -> bool:
     :mod:`~uros.middleware.dds.service_peers`.
     """
     code: int = _ddspy_writedispose(writer, _padded(cdr) if len(cdr) & 3 else cdr)
-    return code == 0 or _has_no_room(code)
+    return is_written(code)
 
 
 def _padded(cdr: Bytes) -> bytes:
@@ -507,8 +508,14 @@ def _padded(cdr: Bytes) -> bytes:
     return bytes(cdr[:3]) + bytes((fill,)) + bytes(cdr[4:]) + bytes(fill)
 
 
-def _has_no_room(code: int) -> bool:
-    """Return False if ``code`` means no room; raises MiddlewareError for any other error."""
+def is_written(code: int) -> bool:
+    """Return whether ``code`` means success; False if it means no room.
+
+    Raises:
+        MiddlewareError: It means another error.
+    """
+    if code == 0:
+        return True
     if code in (RETCODE_TIMEOUT, RETCODE_OUT_OF_RESOURCES):
         return False
     raise MiddlewareError(f"DDS cannot write: {_strretcode(code).decode()}")

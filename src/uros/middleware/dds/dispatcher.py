@@ -49,15 +49,15 @@ class Dispatcher:
     Attributes:
         wakeup: Readable when :meth:`dispatch` has work.
         own_writers: Instance handles of this middleware's writers.
+        noted: What :meth:`dispatch_local` has to do: readers just written to by this process, whose
+            samples Cyclone has ready when the write returns, and readers with samples left over.
     """
 
     def __init__(self) -> None:
         self.wakeup = WakeupFd()
         self.own_writers: set[int] = set()
         self._listeners: dict[int, ReaderListener] = {}  # by key
-        # Readers just written to by this process, whose samples Cyclone has ready when the write
-        # returns, and readers with samples left over.
-        self._written: dict[int, Sequence[ReaderListener]] = {}
+        self.noted: dict[int, Sequence[ReaderListener]] = {}
         self._keys = itertools.count(1)
         self._waitset: cyclone.Waitset | None = None
         self._ready: list[int] = []  # set by the waiting thread
@@ -114,15 +114,15 @@ class Dispatcher:
 
     def written(self, listeners: Sequence[ReaderListener]) -> None:
         """Note that this process has written to these readers; ``listeners`` may still change."""
-        if not self._written:
+        if not self.noted:
             self.wakeup.set()
-        self._written[id(listeners)] = listeners
+        self.noted[id(listeners)] = listeners
 
     def requeue(self, listener: ReaderListener) -> None:
         """Call ``on_ready`` once more, after those of others, because samples are left."""
-        if not self._written:
+        if not self.noted:
             self.wakeup.set()
-        self._written[-listener.key] = [listener]
+        self.noted[-listener.key] = [listener]
 
     def dispatch(self) -> None:
         """Call ``on_ready`` of all listeners that have something to take.
@@ -151,8 +151,6 @@ class Dispatcher:
 
     def dispatch_local(self) -> None:
         """Do the same for what :meth:`written` and :meth:`requeue` have noted, and nothing else."""
-        if not self._written:
-            return
         self.wakeup.clear()
         failed = self._dispatch_written()
         if self._ready:  # the waiting thread may have set the descriptor in between
@@ -162,8 +160,8 @@ class Dispatcher:
 
     def _dispatch_written(self) -> Exception | None:
         failed: Exception | None = None
-        written, self._written = self._written, {}  # what they write now is dispatched next time
-        for listeners in written.values():
+        noted, self.noted = self.noted, {}  # what they write now is dispatched next time
+        for listeners in noted.values():
             for listener in list(listeners):
                 if listener.key in self._listeners:
                     failed = self._notify(listener) or failed

@@ -28,7 +28,6 @@ from .service_peers import MatchedServers, MatchedWriters
 # forged ones, may arrive as fast as they can be sent. The rest is taken in a later turn of the
 # loop.
 _MAX_MISSES: Final = 4
-_write = cyclone.write
 
 
 class OwningNode(Protocol):
@@ -102,8 +101,11 @@ class DdsWriter(Writer):
         if self._batching:
             self._unsent.add(self.entity)
         if cdr[1] & 1:
-            return _write(self.entity, cdr)
-        return _write(self.entity, _little_endian(self.type_name, cdr))
+            if len(cdr) & 3:
+                return cyclone.write(self.entity, cdr)
+            code = cyclone.write_aligned(self.entity, cdr)
+            return code == 0 or cyclone.is_written(code)
+        return cyclone.write(self.entity, _little_endian(self.type_name, cdr))
 
     def matched(self) -> int:
         """Return how many readers match it, those of this process included."""

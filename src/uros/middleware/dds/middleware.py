@@ -92,7 +92,9 @@ class DdsMiddleware(Middleware):
 
     def dispatch_local(self) -> None:
         """Call ``on_ready`` of each reader that this process has written to."""
-        self.context.dispatcher.dispatch_local()
+        dispatcher = self.context.dispatcher
+        if dispatcher.noted:
+            dispatcher.dispatch_local()
 
     def flush(self) -> None:
         """Send the samples that writers hold back."""

@@ -171,9 +171,9 @@ def test_a_big_endian_sample_of_an_unknown_type_is_refused_by_name(node):
 def test_samples_are_padded_with_zeros_and_nothing_else(middleware, node, size, monkeypatch):
     """Length on the wire is a multiple of 4; padding must not contain memory of this process."""
     sent = []
-    write = cyclone._ddspy_write
+    write = cyclone.write_aligned
     monkeypatch.setattr(
-        cyclone, "_ddspy_write", lambda writer, cdr: sent.append(bytes(cdr)) or write(writer, cdr)
+        cyclone, "write_aligned", lambda writer, cdr: sent.append(bytes(cdr)) or write(writer, cdr)
     )
     reader = node.create_reader("rt/odd", "pkg::msg::dds_::Odd_", QoSProfile(), nothing)
     writer = node.create_writer("rt/odd", "pkg::msg::dds_::Odd_", QoSProfile())

@@ -193,7 +193,7 @@ def test_writing_without_dispatch_takes_bounded_memory(middleware, own_domain_id
     for _ in range(100):
         writer.write(b"\0\1\0\0\0\0\0\0")
     # The reader, and the readers of its topic.
-    assert len(middleware.context.dispatcher._written) <= 2
+    assert len(middleware.context.dispatcher.noted) <= 2
 
 
 def test_a_broken_configuration_is_named(monkeypatch, own_domain_id):
