@@ -5,6 +5,7 @@
 ``matching``       A QoS profile that all publishers of a topic match.
 ``network``        A program's participant in a domain: its node, its graph, its event loop.
 ``direct``         A middleware in place of a board's connection to an agent.
+``background``     Turns of a connection while its program does something else.
 ``interrupt``      Ctrl-C while a node or a network spins.
 ``node``           The Node of a host: ``uros.Node``.
 ``lifecycle``      A Node with a life cycle.

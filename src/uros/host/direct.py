@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import atexit
 import sys
+import threading
 import time
 import traceback
 from collections.abc import Callable
@@ -24,6 +25,7 @@ from ..interfaces.codec import to_cdr
 from ..middleware import base
 from ..printable import printable
 from ..qos import DurabilityPolicy, QoSProfile, services_profile
+from .background import BackgroundTurns
 from .interrupt import Interrupt
 
 # Most samples taken before their callbacks run.
@@ -81,7 +83,7 @@ class _ReceivingEndpoint:
     """A receiving endpoint, which takes samples when its entity's queue is empty.
 
     Until then samples stay at the middleware, where QoS applies, and the endpoint stays in the set
-    ``waiting``.
+    ``waiting``. :meth:`on_ready` may be called in any thread; samples are taken by the program's.
     """
 
     def __init__(self, entity: Any, waiting: set[_ReceivingEndpoint]) -> None:
@@ -91,7 +93,6 @@ class _ReceivingEndpoint:
 
     def on_ready(self) -> None:
         self._waiting.add(self)
-        self.fill()
 
     def fill(self) -> bool:
         """Take samples if the queue is empty; return whether there may be callbacks to run."""
@@ -259,6 +260,9 @@ class Direct(NodeConnection):
     """One or more nodes' connection to the network of ``middleware``, which it owns.
 
     Use it from one thread. It is closed with its last node, or when the program ends.
+
+    A program that creates a node and then sleeps is discovered and stays so: while nothing pumps, a
+    thread of :class:`BackgroundTurns` takes turns, for middlewares that have no thread for that.
     """
 
     connections = 1
@@ -278,12 +282,15 @@ class Direct(NodeConnection):
         self._nodes: dict[Any, base.Node] = {}
         self._endpoints: dict[int, _Endpoint] = {}  # by the entity's number
         self._waiting: set[_ReceivingEndpoint] = set()  # endpoints that may have more samples
-        self._dispatched = False  # since the last pump
+        # Held by whoever uses the middleware or `_waiting`, but not while the program waits.
+        self._lock = threading.RLock()
+        self._is_pumping = False
         self._stalled = False  # whether the middleware could not send a reply, which is retried
         self._conflicts: set[tuple[str, str, str]] = set()
         middleware.on_type_conflict = self._type_conflict
         middleware.on_notice = _print_notice
         atexit.register(self.close)
+        self._background = BackgroundTurns(self._take_turn) if middleware.needs_turns else None
 
     # --- interface of nodes and entities -------------------------------------------------------
 
@@ -301,11 +308,17 @@ class Direct(NodeConnection):
             raise base.MiddlewareError(f"{entity.name}: the node has been destroyed")
         number = self._count
         self._count += 1
-        if isinstance(entity, Node):
-            self._nodes[entity] = self.middleware.create_node(
-                entity.domain_id, entity.get_namespace(), entity.name
-            )
-            return number
+        with self._lock:
+            if isinstance(entity, Node):
+                self._nodes[entity] = self.middleware.create_node(
+                    entity.domain_id, entity.get_namespace(), entity.name
+                )
+            else:
+                self._create_endpoint(number, entity)
+            self.middleware.tick()  # announces it
+        return number
+
+    def _create_endpoint(self, number: int, entity: Any) -> None:
         _check_type(entity)
         node = self._nodes[entity.node]
         endpoint: _Endpoint
@@ -319,13 +332,13 @@ class Direct(NodeConnection):
             endpoint = _Requester(node, entity, self._waiting)
         self._endpoints[number] = endpoint
         entity.created = True
-        return number
 
     def matched(self, publisher: Publisher) -> int:
         """Return the number of matched subscriptions."""
         endpoint = self._endpoints[publisher.number]
         assert isinstance(endpoint, _Writer)
-        return endpoint.matched()
+        with self._lock:
+            return endpoint.matched()
 
     def transient_local(self, depth: int) -> QoSProfile:
         """Return the profile of a publisher that keeps ``depth`` messages for late joiners."""
@@ -333,43 +346,35 @@ class Direct(NodeConnection):
 
     def remove(self, entity: Any, object_ids: tuple[int, ...]) -> None:
         """Destroy the endpoint of an entity, or a node with all its endpoints."""
-        if isinstance(entity, Node):
-            node = self._nodes.pop(entity, None)
-            if node is not None:
-                node.close()
-            if not self._nodes:
-                self.close()
-            return
-        endpoint = self._endpoints.pop(entity.number, None)
-        if endpoint is not None:
-            self._waiting.discard(endpoint)
-            endpoint.close()
+        with self._lock:
+            if isinstance(entity, Node):
+                node = self._nodes.pop(entity, None)
+                if node is not None:
+                    node.close()
+                if not self._nodes:
+                    self.close()
+                return
+            endpoint = self._endpoints.pop(entity.number, None)
+            if endpoint is not None:
+                self._waiting.discard(endpoint)
+                endpoint.close()
 
     def write(self, object_id: int, message: Any, prefix: bytes, reliable: bool | int) -> int:
         """Send a message without waiting; return as `_Endpoint.write` does."""
         endpoint = self._endpoints.get(object_id >> 4)
         if endpoint is None:
             return 0
-        if isinstance(endpoint, _Writer):
-            self._dispatch()
-        number = endpoint.write(message, prefix)
-        if prefix and not number:
-            self._stalled = True
-        self.middleware.tick()  # a program that only writes may never pump
-        return number
-
-    def _dispatch(self) -> None:
-        """Receive: a program that only publishes may never pump, and rtps has no thread for it.
-
-        What came is handled by the next pump, which does not wait then. A request is written
-        without that: its reply must not come before the client knows its number.
-        """
         self.interrupt.hold()
         try:
-            self.middleware.dispatch()
+            with self._lock:
+                self.middleware.dispatch()  # a program that only publishes may never pump
+                number = endpoint.write(message, prefix)
+                self.middleware.tick()
         finally:
             self.interrupt.release()
-        self._dispatched = True
+        if prefix and not number:
+            self._stalled = True
+        return number
 
     # --- the loop -------------------------------------------------------------------------------
 
@@ -390,25 +395,41 @@ class Direct(NodeConnection):
             self._stalled = False
             timeout_ms = min(timeout_ms, _RETRY_MS)
         self.interrupt.hold()
+        self._is_pumping = True
         try:
             self._work(timeout_ms / 1000)
         finally:
+            self._is_pumping = False
             self.interrupt.release()
 
     def _work(self, seconds: float) -> None:
         middleware = self.middleware
-        for endpoint in list(self._waiting):
-            if endpoint.fill():
+        with self._lock:
+            if self._fill():
                 seconds = 0.0
-        if self._dispatched:
-            self._dispatched = False
-            seconds = 0.0
-        deadline = middleware.next_deadline()
+            deadline = middleware.next_deadline()
         if deadline is not None:
             seconds = min(seconds, max(0.0, deadline - time.monotonic()))
-        if self.interrupt.wait(middleware.fileno(), seconds):
-            middleware.dispatch()
-        middleware.tick()
+        is_ready = self.interrupt.wait(middleware.fileno(), seconds)
+        with self._lock:
+            if is_ready:
+                middleware.dispatch()
+                self._fill()
+            middleware.tick()
+
+    def _fill(self) -> bool:
+        """Take samples for all endpoints; return whether there may be callbacks to run."""
+        ready = False
+        for endpoint in list(self._waiting):
+            ready |= endpoint.fill()
+        return ready
+
+    def _take_turn(self) -> None:
+        """Receive and do what is due, unless the program does so; in another thread."""
+        with self._lock:
+            if self.state == AGENT_CONNECTED and not self._is_pumping:
+                self.middleware.dispatch()
+                self.middleware.tick()
 
     def _type_conflict(self, topic: str, own_type: str, type_name: str) -> None:
         conflict = topic, own_type, type_name
@@ -422,9 +443,13 @@ class Direct(NodeConnection):
 
     def close(self) -> None:
         """Leave the network with all nodes; idempotent."""
-        if self.state == AGENT_CONNECTED:
+        with self._lock:
+            if self.state != AGENT_CONNECTED:
+                return
             self.state = AGENT_DISCONNECTED
             atexit.unregister(self.close)
+            if self._background is not None:
+                self._background.stop()
             self._endpoints.clear()
             self._waiting.clear()
             self._nodes.clear()

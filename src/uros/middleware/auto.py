@@ -105,6 +105,7 @@ class AutoMiddleware(Middleware):
     """
 
     name = "auto"
+    needs_turns = True
 
     def __init__(self, dds: DdsMiddleware) -> None:
         super().__init__()

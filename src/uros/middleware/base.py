@@ -239,6 +239,8 @@ class Middleware(ABC):
     Attributes:
         name: What ``open_middleware`` calls it.
         any_name: Whether any text may name a topic or a node, as no ROS node sees them.
+        needs_turns: Whether peers lose sight of it if :meth:`dispatch` and :meth:`tick` are not
+            called several times a second.
         on_type_conflict: Called when a topic has another type elsewhere. Set before the first node.
         on_notice: Called with each notice for the user, once. Set before the first node.
         batching: Whether the caller calls :meth:`flush` after each burst, so that samples may be
@@ -250,6 +252,7 @@ class Middleware(ABC):
 
     name = ""
     any_name = False
+    needs_turns = False
     on_type_conflict: OnTypeConflict | None = None
     on_notice: OnNotice | None = None
     batching = False

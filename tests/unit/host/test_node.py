@@ -313,7 +313,7 @@ def test_keep_all_delivers_every_sample(node, peer):
     assert [message.data for message in messages] == list(range(1000))
 
 
-@pytest.mark.parametrize("kind", ["rtps", "dds"])
+@pytest.mark.parametrize("kind", ["rtps", pytest.param("dds", marks=pytest.mark.cyclone)])
 def test_a_node_that_publishes_and_never_spins_is_heard(own_domain_id, kind):
     talker = Node("talker", Direct(open_middleware(kind), own_domain_id))
     listener = Node("listener", Direct(open_middleware(kind), own_domain_id))
@@ -327,6 +327,83 @@ def test_a_node_that_publishes_and_never_spins_is_heard(own_domain_id, kind):
     assert heard[:1] == [Int32(data=5)]
     talker.destroy_node()
     listener.destroy_node()
+
+
+@pytest.mark.parametrize("kind", ["rtps", pytest.param("dds", marks=pytest.mark.cyclone)])
+def test_a_node_that_does_nothing_is_discovered(own_domain_id, kind):
+    still = Node("still", Direct(open_middleware(kind), own_domain_id))
+    publisher = still.create_publisher(Int32, "/still")
+    heard = []
+    with Network(own_domain_id, kind) as network:
+        network.listen("/still", "std_msgs/msg/Int32", QoSProfile(10), heard.append)
+        assert network.spin(lambda: "/still" in network.graph.nodes(), 20)
+        assert network.spin(lambda: still.connection.matched(publisher) == 1, 20)
+        publisher.publish(Int32(data=5))  # the first one arrives
+        assert network.spin(lambda: heard, 20)
+    still.destroy_node()
+
+
+class Turns(MemoryMiddleware):
+    """Counts turns that others than the program's thread take."""
+
+    needs_turns = True
+
+    def __init__(self):
+        super().__init__()
+        self.in_background = threading.Semaphore(0)
+
+    def dispatch(self):
+        super().dispatch()
+        if threading.current_thread() is not threading.main_thread():
+            self.in_background.release()
+
+
+def test_a_sample_that_a_background_turn_received_is_not_waited_for(monkeypatch):
+    middleware = Turns()
+    node = Node("node", Direct(middleware))
+    heard, waits = [], []
+    node.create_subscription(Int32, "/x", heard.append)
+    peer = middleware.create_node(0, "/", "peer")
+    peer.create_writer("rt/x", INT32, QoSProfile()).write(int32(2))
+    for _ in range(2):  # one of them began after the write
+        assert middleware.in_background.acquire(timeout=20)
+    monkeypatch.setattr(node.connection.interrupt, "wait", lambda _, seconds: waits.append(seconds))
+    assert node.spin_once(10)
+    assert [message.data for message in heard] == [2] and set(waits) == {0.0}
+    node.destroy_node()
+
+
+def test_a_node_that_spins_takes_all_turns_itself(monkeypatch):
+    middleware = Turns()
+    node = Node("node", Direct(middleware))
+    connection = node.connection
+    counts = []
+
+    def wait(fileno, seconds):
+        """Take a turn in the middle of a wait, as the other thread may."""
+        turn = threading.Thread(target=connection._take_turn)
+        while middleware.in_background.acquire(blocking=False):
+            pass
+        turn.start()
+        turn.join()
+        counts.append(middleware.in_background.acquire(blocking=False))
+        return False
+
+    monkeypatch.setattr(connection.interrupt, "wait", wait)
+    node.spin_once(0)
+    assert counts == [False]
+    assert middleware.in_background.acquire(timeout=20)  # they go on after that
+    node.destroy_node()
+
+
+def test_background_turns_end_with_the_last_node():
+    before = set(threading.enumerate())
+    node = Node("node", Direct(Turns()))
+    (thread,) = set(threading.enumerate()) - before
+    assert thread.daemon
+    node.destroy_node()
+    thread.join(20)
+    assert not thread.is_alive()
 
 
 def test_a_depth_of_zero_is_one(own_domain_id):

@@ -31,6 +31,7 @@ class DdsMiddleware(Middleware):
     """
 
     name = "dds"
+    needs_turns = True
 
     def __init__(self) -> None:
         super().__init__()

@@ -40,6 +40,7 @@ class RtpsMiddleware(Middleware):
     """
 
     name = "rtps"
+    needs_turns = True
 
     def __init__(self, announces_nodes: bool = True) -> None:
         super().__init__()
