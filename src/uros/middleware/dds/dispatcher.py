@@ -112,9 +112,15 @@ class Dispatcher:
         if self._waitset and listener.key in self._listeners:
             self._waitset.attach(listener.entity, listener.key)
 
-    def written(self, listeners: Sequence[ReaderListener]) -> None:
-        """Note that this process has written to these readers; ``listeners`` may still change."""
-        if not self.noted:
+    def written(self, listeners: Sequence[ReaderListener], wakes: bool = True) -> None:
+        """Note that this process has written to these readers.
+
+        Args:
+            listeners: The readers, which may still change.
+            wakes: Whether :meth:`dispatch` is to be called for them; False where
+                :meth:`dispatch_local` follows.
+        """
+        if wakes and not self.noted:
             self.wakeup.set()
         self.noted[id(listeners)] = listeners
 
@@ -151,9 +157,8 @@ class Dispatcher:
 
     def dispatch_local(self) -> None:
         """Do the same for what :meth:`written` and :meth:`requeue` have noted, and nothing else."""
-        self.wakeup.clear()
         failed = self._dispatch_written()
-        if self._ready:  # the waiting thread may have set the descriptor in between
+        if self.noted:  # written by what was called
             self.wakeup.set()
         if failed is not None:
             raise failed

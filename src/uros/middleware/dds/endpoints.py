@@ -97,7 +97,7 @@ class DdsWriter(Writer):
             MiddlewareError: DDS refuses it, or it is big endian and its type unknown.
         """
         if self._local_readers:
-            self._dispatcher.written(self._local_readers)
+            self._dispatcher.written(self._local_readers, not self._batching)
         if self._batching:
             self._unsent.add(self.entity)
         if cdr[1] & 1:
@@ -140,7 +140,7 @@ class _ServiceWriter(DdsWriter):
 
     def write(self, cdr: Bytes) -> bool:
         if self._local_readers:
-            self._dispatcher.written(self._local_readers)
+            self._dispatcher.written(self._local_readers, not self._batching)
         if self._batching:
             self._unsent.add(self.entity)
         return cyclone.write_disposed(self.entity, cdr)

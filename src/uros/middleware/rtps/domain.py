@@ -98,6 +98,9 @@ class RtpsDomain:
         self._backlog: dict[Locator, deque[bytes]] = {}
         self._backlog_octets = OctetBudget(_MAX_BACKLOG_OCTETS)
         self._backlog_at: float | None = None
+        # The deadline, as long as nothing has happened that may change it.
+        self._deadline: float | None = None
+        self._is_deadline_known = False
         self._is_behind = False  # whether discovery is to be handled before samples
         self._has_waited = False  # whether samples were left out since they were received
         self._conflicts = TypeConflicts(self._on_type_conflict)
@@ -111,6 +114,7 @@ class RtpsDomain:
             self._sockets.unicast, self._sockets.multicast, self._sockets.peers,
             user_data.PARTICIPANT, now, settings.message_size, self._sockets.data,
         )  # fmt: skip
+        self._touched = self.participant.schedule.touched
         self.participant.on_participant = self._on_participant
         self.participant.on_endpoint = self._on_endpoint
         self.participant.on_mismatch = self._on_mismatch
@@ -233,6 +237,7 @@ class RtpsDomain:
         return found
 
     def _changed_graph(self) -> None:
+        self._is_deadline_known = False
         for watcher in self.watchers:
             watcher()
 
@@ -270,6 +275,7 @@ class RtpsDomain:
         What they have us send waits for a flush or a tick. Where not all of discovery was handled,
         what announces the writer of a sample may be in the rest: then samples are left out once.
         """
+        self._is_deadline_known = False
         is_for_samples = self._sockets.is_for_samples(fileno)
         if is_for_samples and self._is_behind:
             self._is_behind, self._has_waited = False, True
@@ -291,15 +297,23 @@ class RtpsDomain:
 
     def next_deadline(self) -> float | None:
         """Return when :meth:`tick` has work."""
+        if self._touched or not self._is_deadline_known:
+            self._deadline = self.find_deadline()
+            self._is_deadline_known = True
+        return self._deadline
+
+    def find_deadline(self) -> float | None:
+        """Return the same, without what is remembered."""
         deadline = self.participant.next_deadline()
         of_info = None if self.info is None else self.info.next_deadline()
-        for at in (self._backlog_at, self._sockets.scan_at, of_info):  # often: no generator
+        for at in (self._backlog_at, self._sockets.scan_at, of_info):
             if at is not None and (deadline is None or at < deadline):
                 deadline = at
         return deadline
 
     def tick(self) -> None:
         """Do what is due by time."""
+        self._is_deadline_known = False
         now = time.monotonic()
         if self.info is not None:
             self.info.tick(now)
@@ -308,26 +322,25 @@ class RtpsDomain:
                 sockets = self._sockets
                 self.participant.move(sockets.unicast, sockets.multicast, now, sockets.data)
         self.participant.poll(now)
-        self._send()
+        self.flush()
 
     def flush(self) -> None:
         """Send what is held back."""
-        self._send()
-
-    def _send(self) -> None:
         outgoing = self.participant.take_datagrams()
         if not outgoing and not self._backlog:
             return
+        is_one = len(outgoing) == 1  # mostly: nothing to count
         octets: dict[Locator, int] = {}
         for datagram, place in outgoing:
-            sent = octets.get(place, 0)
-            waits = place in self._backlog or sent >= _SLICE
+            sent = 0 if is_one else octets.get(place, 0)
+            waits = sent >= _SLICE or (self._backlog and place in self._backlog)
             if waits or not self._sockets.send(datagram, place):
                 waiting = self._backlog.setdefault(place, deque())
                 if len(waiting) < _MAX_BACKLOG and self._backlog_octets.take(len(datagram), place):
                     waiting.append(datagram)
                 continue
-            octets[place] = sent + len(datagram)
+            if not is_one:
+                octets[place] = sent + len(datagram)
         if self._backlog:
             self._send_backlog(time.monotonic())
         if self._sockets.unreachable:
@@ -337,6 +350,7 @@ class RtpsDomain:
 
     def _send_backlog(self, now: float) -> None:
         """Send a slice of what waits for each place, if the pause is over."""
+        self._is_deadline_known = False
         if self._backlog_at is not None and self._backlog_at <= now:
             self._backlog_at = None
             for place, datagrams in list(self._backlog.items()):
@@ -360,5 +374,5 @@ class RtpsDomain:
         """Say farewell and close the sockets."""
         self.participant.close()
         self._backlog.clear()  # the farewell must not wait
-        self._send()
+        self.flush()
         self._sockets.close()

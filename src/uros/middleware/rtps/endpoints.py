@@ -83,7 +83,12 @@ class RtpsWriter(Writer):
 
     def write(self, cdr: Bytes) -> bool:
         """Write a sample; False where the history has no room."""
-        return self.write_related(bytes(cdr), None, None, None)
+        payload = bytes(cdr)
+        if not self.readers and self.local.write_once(payload, time.time_ns()):
+            if self.local.state.readers:
+                self._domain.written()
+            return True
+        return self.write_related(payload, None, None, None)
 
     def write_related(
         self,

@@ -60,6 +60,17 @@ class LocalWriter:
             self._outbox.burst.add(state)
         return True
 
+    def write_once(self, payload: bytes, time_ns: int) -> bool:
+        """Write a sample that the history does not keep.
+
+        Returns:
+            False where :meth:`write` has to: nothing was written.
+        """
+        octets = self.state.write_once(payload, time_ns)
+        if octets:
+            self._outbox.add_for_all(self.state, octets)
+        return octets is not None
+
     def matched(self) -> int:
         """Return how many readers match it."""
         return len(self.state.readers)

@@ -44,6 +44,7 @@ class Outbox:
         self._remotes = remotes
         self._message_size = message_size
         self._pending: dict[tuple[Locator, bytes], list[bytes]] = {}
+        self._begins: dict[bytes, bytes] = {}  # of messages, by GUID prefix
 
     @property
     def is_empty(self) -> bool:
@@ -64,18 +65,27 @@ class Outbox:
                 octets = submessages.encode_info_ts(time_ns) + octets
             if reader is not None:
                 self.add(reader, octets)
+            else:
+                self.add_for_all(writer, octets)
+
+    def add_for_all(self, writer: StatefulWriter, octets: bytes) -> None:
+        """Queue submessages for all readers of a writer."""
+        pending = self._pending
+        for guid in writer.readers:
+            remote = self._remotes.get(guid[: ids.PREFIX_SIZE])
+            place = None if remote is None else remote.place_of(guid)
+            if remote is None or place is None:
                 continue
-            places: dict[tuple[Locator, bytes], None] = {}
-            for guid in writer.readers:  # readers of one participant share a message
-                remote = self._remotes.get(guid[: ids.PREFIX_SIZE])
-                place = None if remote is None else remote.place_of(guid)
-                if remote is not None and place is not None:
-                    places[place, remote.prefix] = None
-            for key in places:
-                self._pending.setdefault(key, []).append(octets)
+            key = place, remote.prefix
+            parts = pending.get(key)
+            if parts is None:
+                pending[key] = [octets]
+            elif parts[-1] is not octets:  # readers of one participant share a message
+                parts.append(octets)
 
     def forget(self, remote: RemoteParticipant) -> None:
         """Drop what is queued for a participant."""
+        self._begins.pop(remote.prefix, None)
         for key in [key for key in self._pending if key[1] == remote.prefix]:
             del self._pending[key]
 
@@ -94,7 +104,10 @@ class Outbox:
         pending, self._pending = self._pending, {}
         for (place, prefix), parts in pending.items():
             remote = self._remotes[prefix]
-            begin = message = self._head + submessages.encode_info_dst(prefix)
+            begin = self._begins.get(prefix)
+            if begin is None:
+                begin = self._begins[prefix] = self._head + submessages.encode_info_dst(prefix)
+            message = begin
             for part in parts:
                 if len(message) + len(part) > self._message_size and message is not begin:
                     if remote.is_proven or remote.may_send(len(message)):

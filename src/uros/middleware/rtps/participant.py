@@ -79,6 +79,8 @@ class Participant:
         writers: Our writers by entity id, builtin ones included.
         readers: Our readers by entity id, builtin ones included.
         malformed: Datagrams that were not valid, in part or as a whole.
+        take_datagrams: Returns the datagrams to send, each with where to, made of what is queued.
+        schedule: What is due by time of its endpoints, and of the participants heard.
         on_participant: Called with a participant that comes or changes (True), or goes (False).
         on_endpoint: The same with an endpoint of others.
         on_mismatch: Called with a local endpoint, a remote one of its topic, and why they do not
@@ -135,7 +137,8 @@ class Participant:
         self._announcer = ParticipantAnnouncer(announced, peers, now)
         self._now = now
         self._outbox = Outbox(prefix, self.remotes, message_size)
-        self._schedule = EndpointSchedule()
+        self.take_datagrams: Callable[[], list[tuple[bytes, Locator]]] = self._outbox.take
+        self.schedule = EndpointSchedule()
         self._publications = self._builtin(
             builtin.PUBLICATIONS, lambda sample: self._on_endpoint(sample, True)
         )
@@ -159,7 +162,7 @@ class Participant:
             self._prefix,
             self._fragment_size,
             self._outbox,
-            self._schedule,
+            self.schedule,
             self._budget,
             deliver,
             depth,
@@ -172,10 +175,6 @@ class Participant:
     def has_output(self) -> bool:
         """Whether something waits to be sent, flushed or not."""
         return not self._outbox.is_empty
-
-    def take_datagrams(self) -> list[tuple[bytes, Locator]]:
-        """Return the datagrams to send, each with where to, made of what is queued."""
-        return self._outbox.take()
 
     def move(
         self,
@@ -218,7 +217,7 @@ class Participant:
             is_manual=qos.liveliness == LivelinessPolicy.MANUAL_BY_TOPIC,
             lifespan=lifespan(qos), repeats=self._outbox.repeats,
         )  # fmt: skip
-        state.on_change = self._schedule.touch
+        state.on_change = self.schedule.touch
         writer = LocalWriter(self._outbox, data, state)
         if wants_header is not None:
             writer.wants_header = wants_header
@@ -237,7 +236,7 @@ class Participant:
         guid = self._new_guid(ids.KIND_READER_NO_KEY)
         data = EndpointData(guid, False, topic, type_name, qos)
         state = StatefulReader(guid, qos.reliable, qos.transient_local, deliver, self._budget)
-        state.on_change = self._schedule.touch
+        state.on_change = self.schedule.touch
         reader = LocalReader(data, state)
         self._endpoints.add(reader)
         sedp.announce(reader, self._subscriptions, now, wall_ns)
@@ -251,12 +250,12 @@ class Participant:
             return
         if isinstance(endpoint, LocalWriter):
             self._outbox.burst.discard(endpoint.state)
-            self._schedule.remove(endpoint.state)
+            self.schedule.remove(endpoint.state)
             self._liveliness.remove(endpoint.data.qos)
             sedp.withdraw(endpoint, self._publications, now, wall_ns)
         else:
             endpoint.state.close()
-            self._schedule.remove(endpoint.state)
+            self.schedule.remove(endpoint.state)
             sedp.withdraw(endpoint, self._subscriptions, now, wall_ns)
 
     def _new_guid(self, kind: int) -> bytes:
@@ -291,7 +290,7 @@ class Participant:
     def _forget(self, remote: RemoteParticipant) -> None:
         """Remove a participant with its endpoints."""
         self.remotes.pop(remote.prefix, None)
-        self._schedule.remove(remote)
+        self.schedule.remove(remote)
         self._known.give_back(cost(remote.data), remote.prefix)
         for endpoint in remote.endpoints.values():
             self._known.give_back(cost(endpoint), remote.prefix)
@@ -436,7 +435,7 @@ class Participant:
             self._outbox.datagrams += self._announcer.answer(remote, now)
             remote.lease = lease(announced)
             remote.expires = now + remote.lease
-            self._schedule.touch(remote)
+            self.schedule.touch(remote)
             if remote.data != announced:
                 if not self._exchange(cost(remote.data), cost(announced), prefix):
                     return
@@ -456,7 +455,7 @@ class Participant:
         remote = self.remotes[prefix] = RemoteParticipant(announced, now)
         remote.hear(source)
         remote.received = octets
-        self._schedule.touch(remote)
+        self.schedule.touch(remote)
         self._outbox.datagrams += self._announcer.introduce(remote, now)
         self._match_builtin(remote, now)
         self.on_participant(announced, True)
@@ -532,7 +531,7 @@ class Participant:
         deadline = self._announcer.due
         if self._liveliness.due is not None:
             deadline = min(deadline, self._liveliness.due)
-        due = self._schedule.next_deadline()
+        due = self.schedule.next_deadline()
         return deadline if due is None else min(deadline, due)
 
     def poll(self, now: float) -> None:
@@ -546,9 +545,9 @@ class Participant:
         if now - self._polled_at > _STOPPED:
             for remote in self.remotes.values():
                 remote.expires = max(remote.expires, now + _GRACE)
-                self._schedule.touch(remote)
+                self.schedule.touch(remote)
         self._polled_at = now
-        due = self._schedule.take_due(now)
+        due = self.schedule.take_due(now)
         self._turn += 1
         first = self._turn % max(1, len(due))  # another one is the first to repeat samples
         for item in due[first:] + due[:first]:

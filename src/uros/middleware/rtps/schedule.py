@@ -24,27 +24,31 @@ class Schedule(Generic[ItemT]):
 
     An item is asked for its deadline when somebody wants to know what is due, after one or many
     calls of :meth:`touch`. Deadlines that no longer hold stay in the heap until they come up.
+
+    Attributes:
+        touched: The items that were touched since; while there are none, :meth:`next_deadline` does
+            not change. It stays the same object.
     """
 
     def __init__(self) -> None:
-        self._touched: dict[ItemT, None] = {}
+        self.touched: dict[ItemT, None] = {}
         self._due: dict[ItemT, float] = {}
         self._heap: list[tuple[float, int, ItemT]] = []
         self._serial = 0  # items are not compared
 
     def touch(self, item: ItemT) -> None:
         """Note that an item is new, or that its deadline may have changed."""
-        self._touched[item] = None
+        self.touched[item] = None
 
     def remove(self, item: ItemT) -> None:
         """Forget an item; idempotent."""
-        self._touched.pop(item, None)
+        self.touched.pop(item, None)
         self._due.pop(item, None)
         self._drop_outdated()
 
     def next_deadline(self) -> float | None:
         """Return the earliest deadline, or None."""
-        if self._touched:
+        if self.touched:
             self._update()
         return self._heap[0][0] if self._heap else None
 
@@ -54,18 +58,19 @@ class Schedule(Generic[ItemT]):
         The caller does what is due; the items are asked for their deadlines again after that.
         """
         found = []
-        if self._touched:
+        if self.touched:
             self._update()
         while self._heap and self._heap[0][0] <= now:
             _, _, item = heapq.heappop(self._heap)
             del self._due[item]
-            self._touched[item] = None
+            self.touched[item] = None
             found.append(item)
             self._drop_outdated()
         return found
 
     def _update(self) -> None:
-        touched, self._touched = self._touched, {}
+        touched = list(self.touched)
+        self.touched.clear()
         for item in touched:
             at = item.next_deadline()
             if at is None:

@@ -323,6 +323,7 @@ _HEARTBEAT: Final = struct.Struct("<BBH4s4siIiII")
 _RANGE: Final = struct.Struct("<BBH4s4siIiI")
 _BASED: Final = struct.Struct("<BBH4s4siI")
 _INFO_TS: Final = struct.Struct("<BBHII")
+_TIMED_DATA: Final = struct.Struct(_INFO_TS.format + _DATA.format[1:])
 _MAX_LENGTH: Final = 0xFFFF
 
 
@@ -504,6 +505,24 @@ def encode_info_ts(time_ns: int | None) -> bytes:
     # Rounded up, so that reading it gives the same nanosecond.
     fraction = -(-(ns << 32) // 1_000_000_000)
     return _INFO_TS.pack(ids.INFO_TS, _FLAG_LITTLE, 8, seconds & 0xFFFFFFFF, fraction)
+
+
+def encode_timed_data(writer: bytes, number: int, payload: bytes, time_ns: int) -> bytes:
+    """Return INFO_TS and DATA of a sample for all readers, in one step.
+
+    Args:
+        writer: Entity id of the writer.
+        number: The sequence number.
+        payload: The sample with its encapsulation header, below 64 kB.
+        time_ns: When it was written, in ns since 1970.
+    """
+    seconds, ns = divmod(time_ns, 1_000_000_000)
+    body = payload if len(payload) % 4 == 0 else _padded(payload)
+    return _TIMED_DATA.pack(
+        ids.INFO_TS, _FLAG_LITTLE, 8, seconds & 0xFFFFFFFF, -(-(ns << 32) // 1_000_000_000),
+        ids.DATA, _FLAG_LITTLE | _FLAG_DATA, 20 + len(body), 0, 16, ids.ENTITY_UNKNOWN, writer,
+        number >> 32, number & 0xFFFFFFFF,
+    ) + body  # fmt: skip
 
 
 def encode_info_dst(prefix: bytes) -> bytes:

@@ -16,6 +16,7 @@ from typing import Final
 
 from ... import addresses
 from ...addresses import Interface
+from ...poller import has_input
 from ..base import MiddlewareError
 from . import locators, network
 from .ip_sockets import IpSockets
@@ -243,7 +244,9 @@ class DomainSockets:
             self._take_changes()
             return
         kind, sock = self._receiving[fileno]
-        for _ in range(most):
+        for count in range(most):
+            if count == 1 and not has_input(fileno):
+                break
             try:
                 size, source = sock.recvfrom_into(self._buffer)
             except BlockingIOError:

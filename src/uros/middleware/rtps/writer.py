@@ -20,7 +20,7 @@ from .changes import Change, Packet, gaps
 from .kinds import AckNack, NackFrag
 from .reader import is_newer
 from .reader_proxy import HEARTBEAT_FIRST, ReaderProxy
-from .submessages import encode_data, encode_data_frag, encode_heartbeat
+from .submessages import encode_data, encode_data_frag, encode_heartbeat, encode_timed_data
 
 # Seconds between heartbeats while a reader has not acknowledged everything, at last: a reader that
 # does not answer is asked more and more seldom.
@@ -213,15 +213,8 @@ class StatefulWriter:
         self.last += 1
         reliable = self.reliable_readers
         is_kept = bool(reliable) or self.transient_local
-        if not is_kept:
-            if not self.readers:
-                return []
-            size = 0 if payload is None else len(payload)
-            if readers is None and with_header is None and size <= self._fragment_size:
-                data = encode_data(
-                    ids.ENTITY_UNKNOWN, self._entity, self.last, payload, inline_qos, is_key
-                )
-                return [Packet(None, data, time_ns)]
+        if not is_kept and not self.readers:
+            return []
         change = Change(
             self.last, payload, inline_qos, time_ns, readers, is_key, with_header,
             now + self._lifespan,
@@ -246,6 +239,24 @@ class StatefulWriter:
                 packets += gaps(self._entity, proxy.guid, [self.last])
             self._schedule_heartbeat(proxy, now)
         return packets
+
+    def write_once(self, payload: bytes, time_ns: int) -> bytes | None:
+        """Write a sample that the history does not keep, which takes less than :meth:`write`.
+
+        Args:
+            payload: The sample with its encapsulation header.
+            time_ns: The time, in ns since 1970.
+
+        Returns:
+            The submessages for all readers, empty where there is none; or None, and nothing is
+            written, where the history keeps samples or this one needs fragments.
+        """
+        if self.transient_local or self.reliable_readers or len(payload) > self._fragment_size:
+            return None
+        self.last += 1
+        if not self.readers:
+            return b""
+        return encode_timed_data(self._entity, self.last, payload, time_ns)
 
     def heartbeats_for_burst(self) -> list[Packet]:
         """Return heartbeats to follow a burst of samples.

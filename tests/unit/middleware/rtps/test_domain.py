@@ -109,10 +109,40 @@ def test_datagrams_that_wait_are_limited_for_all_places_together(middleware, mon
         monkeypatch.setattr(
             domain.participant, "take_datagrams", lambda datagrams=datagrams: datagrams
         )
-        domain._send()
+        domain.flush()
     waiting = {place: len(domain._backlog[place]) for place in places}
     assert sum(waiting.values()) * 1000 == domain._backlog_octets.used <= 1_000_000
     assert waiting[places[0]] == 500 and waiting[places[2]] >= 100
+    monkeypatch.undo()
+    domain._backlog.clear()
+
+
+@pytest.mark.parametrize("event", ["nodes", "interfaces", "a full buffer", "a tick"])
+def test_the_deadline_that_is_remembered_is_the_one_that_a_search_finds(
+    middleware, monkeypatch, event
+):
+    domain = middleware.domain
+    while domain.info.next_deadline() is not None:
+        domain.tick()
+    domain.participant._announcer.due = 1e12
+    domain._is_deadline_known = False
+    assert domain.next_deadline() == domain.find_deadline()
+    if event == "nodes":
+        domain.info.changed()
+    elif event == "interfaces":
+        monkeypatch.setattr(domain._sockets, "_take_changes", lambda: None)
+        domain._sockets.scan_at = 0.0
+        domain.receive(-1)
+    elif event == "a full buffer":
+        monkeypatch.setattr(domain._sockets, "send", lambda datagram, place: False)
+        place = Locator(UDPV4, 7410, "127.0.1.1")
+        monkeypatch.setattr(domain.participant, "take_datagrams", lambda: [(b"x", place)])
+        domain.flush()
+    else:
+        monkeypatch.setattr(domain_module.time, "monotonic", lambda: 1e9)
+        domain.tick()
+    assert not domain._touched
+    assert domain.next_deadline() == domain.find_deadline()
     monkeypatch.undo()
     domain._backlog.clear()
 

@@ -592,19 +592,26 @@ def test_a_reader_asks_more_and_more_seldom_until_a_heartbeat_answers():
 
 
 @given(
-    payload=st.one_of(st.none(), st.binary(min_size=4, max_size=2 * FRAGMENT)),
-    inline_qos=st.sampled_from([b"", b"\1\0\0\0"]), is_key=st.booleans(),
-    time_ns=st.one_of(st.none(), st.integers(0, 2**62)),
+    payload=st.binary(min_size=4, max_size=2 * FRAGMENT), time_ns=st.integers(0, 2**62),
+    number=st.integers(0, 2**40), transient_local=st.booleans(), reliable=st.booleans(),
 )  # fmt: skip
-def test_what_nobody_acknowledges_is_written_as_what_is_kept(payload, inline_qos, is_key, time_ns):
-    """Samples that are not kept take a shorter way; the plain form is that of those that are."""
-    short, plain = (
-        StatefulWriter(WRITER, False, transient_local, 10, FRAGMENT)
-        for transient_local in (False, True)
-    )
-    written = []
-    for writer in (short, plain):
-        assert writer.match(guid(1), False, False, 0.0) == []
-        written.append(writer.write(payload, time_ns, 0.0, inline_qos, None, is_key))
-    assert written[0] == written[1]
-    assert short.last == plain.last == 1
+def test_what_nobody_keeps_is_written_as_by_the_plain_form(
+    payload, time_ns, number, transient_local, reliable
+):
+    once, plain = (StatefulWriter(WRITER, True, transient_local, 10, FRAGMENT) for _ in range(2))
+    for writer in (once, plain):
+        writer.last = number
+        writer.match(guid(1), reliable, False, 0.0)
+    octets = once.write_once(payload, time_ns)
+    if transient_local or reliable or len(payload) > FRAGMENT:
+        assert octets is None and once.last == number
+        return
+    (packet,) = plain.write(payload, time_ns, 0.0)
+    assert packet.reader is None
+    assert octets == submessages.encode_info_ts(packet.time_ns) + packet.submessages
+    assert once.last == plain.last == number + 1
+
+
+def test_what_nobody_reads_is_counted_and_not_encoded():
+    writer = StatefulWriter(WRITER, False, False, 10, FRAGMENT)
+    assert writer.write_once(b"\0\1\0\0", 1) == b"" and writer.last == 1

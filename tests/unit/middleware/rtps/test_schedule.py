@@ -110,7 +110,7 @@ class Checked(Schedule):
     def _deadlines(self):
         found = {item: item.next_deadline() for item in self._items}
         for item in found:
-            if isinstance(item, RemoteParticipant) and item not in self._touched:
+            if isinstance(item, RemoteParticipant) and item not in self.touched:
                 assert self._due[item] <= found[item]
                 found[item] = self._due[item]
         return {item: at for item, at in found.items() if at is not None}
