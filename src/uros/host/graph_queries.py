@@ -14,6 +14,7 @@ from typing import Final
 
 from .. import names
 from ..middleware.graph import EndpointSource, NodeSource, Source, living_nodes
+from ..middleware.guid import CYCLONE_DDS, UROS
 from ..printable import printable
 from ..qos import HistoryPolicy, QoSProfile
 
@@ -26,9 +27,8 @@ NamesAndTypes = dict[str, list[str]]
 _FEEDBACK: Final = "/_action/feedback"
 _FEEDBACK_TYPE: Final = "_FeedbackMessage"
 _TYPE_HASH: Final = re.compile(rb"typehash=(RIHS\d\d_[0-9a-f]{64});")
-# The first octets of a GUID are the vendor id, here Cyclone DDS's. Only Cyclone announces the
-# history of endpoints.
-_CYCLONE: Final = b"\x01\x10"
+# The DDS implementations that announce the history of endpoints.
+_ANNOUNCE_HISTORY: Final = (CYCLONE_DDS, UROS)
 
 
 @dataclass(frozen=True)
@@ -169,7 +169,7 @@ def type_hash(user_data: bytes) -> str:
 
 
 def _announced_qos(endpoint: EndpointSource) -> QoSProfile:
-    if endpoint.guid.startswith(_CYCLONE):
+    if endpoint.guid.startswith(_ANNOUNCE_HISTORY):
         return endpoint.qos
     profile = copy.copy(endpoint.qos)
     profile.history = HistoryPolicy.SYSTEM_DEFAULT

@@ -14,6 +14,8 @@ _WRITER_KINDS: Final = (0x02, 0x03)
 # The first two octets of a GUID are the vendor id of the DDS implementation.
 FAST_DDS: Final = b"\x01\x0f"
 CYCLONE_DDS: Final = b"\x01\x10"
+# Of the form of those, and of nobody in OMG's list of vendors.
+UROS: Final = b"\x01\x75"
 
 
 def participant_of(guid: bytes) -> bytes:

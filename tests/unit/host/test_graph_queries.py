@@ -8,7 +8,7 @@ from uros.host.graph_queries import Graph
 from uros.qos import HistoryPolicy, QoSProfile
 
 HASH = "RIHS01_" + "0123456789abcdef" * 4
-FAST_DDS, CYCLONE = b"\x01\x0f", b"\x01\x10"
+FAST_DDS, CYCLONE, UROS = b"\x01\x0f", b"\x01\x10", b"\x01\x75"
 STRING = "std_msgs::msg::dds_::String_"
 
 
@@ -85,9 +85,10 @@ def test_topics_are_those_of_ros_with_all_their_types(net, graph):
     assert list(graph.topics()) == ["/a", "/b"]
 
 
-def test_an_endpoint_knows_its_node_hash_and_history(net, graph):
+@pytest.mark.parametrize("vendor", [CYCLONE, UROS], ids=["cyclone", "uros"])
+def test_an_endpoint_knows_its_node_hash_and_history(net, graph, vendor):
     node = Node("/lab", "arm", [], [])
-    participant = net.participant(CYCLONE, [node])
+    participant = net.participant(vendor, [node])
     gid = net.endpoint(
         participant, "rt/x", STRING, True, depth=7, user_data=b"typehash=" + HASH.encode() + b";"
     )

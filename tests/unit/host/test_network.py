@@ -10,7 +10,7 @@ from support.signals import default_signals
 from uros.host import interrupt
 from uros.host.network import Network
 from uros.middleware.base import MiddlewareError
-from uros.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from uros.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 STRING = "std_msgs/msg/String"
 DDS_STRING = "std_msgs::msg::dds_::String_"
@@ -53,8 +53,7 @@ def test_endpoints_come_with_their_qos_and_go(network):
     assert info.node_name.startswith("_uros_")
     qos = info.qos
     assert (qos.lifespan_ms, qos.deadline_ms) == (1500, 20)
-    # Cyclone alone announces the history, with its depth.
-    assert qos.depth == (3 if info.gid.startswith(b"\x01\x10") else 0)
+    assert (qos.history, qos.depth) == (HistoryPolicy.KEEP_LAST, 3)
     assert qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
     assert qos.partitions == ("p",) and qos.liveliness_lease_ms is None
     writer.close()

@@ -10,8 +10,7 @@ from .. import guid
 
 PROTOCOL: Final = b"RTPS"
 VERSION: Final = b"\x02\x03"
-# Of the form of Fast DDS (01 0F) and Cyclone (01 10), and of nobody in OMG's list of vendors.
-VENDOR: Final = b"\x01\x75"
+VENDOR: Final = guid.UROS
 
 PAD: Final = 0x01
 ACKNACK: Final = 0x06
@@ -84,6 +83,7 @@ PID_MULTICAST_LOCATOR: Final = 0x0030
 PID_DEFAULT_UNICAST_LOCATOR: Final = 0x0031
 PID_METATRAFFIC_UNICAST_LOCATOR: Final = 0x0032
 PID_METATRAFFIC_MULTICAST_LOCATOR: Final = 0x0033
+PID_HISTORY: Final = 0x0040
 PID_DEFAULT_MULTICAST_LOCATOR: Final = 0x0048
 PID_PARTICIPANT_GUID: Final = 0x0050
 PID_BUILTIN_ENDPOINT_SET: Final = 0x0058

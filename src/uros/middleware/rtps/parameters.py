@@ -89,7 +89,8 @@ class EndpointData:
         is_writer: Whether it is a writer.
         topic: The DDS name of its topic.
         type_name: The DDS name of its type.
-        qos: Its profile, with USER_DATA and partitions. History and depth are not announced.
+        qos: Its profile, with USER_DATA and partitions. Fast DDS announces no history: then its
+            policy is SYSTEM_DEFAULT, and the depth 0.
         unicast: Its own locators; where it has none, those of its participant count.
         multicast: The same, by multicast.
         representations: Data representations that it offers or accepts.
@@ -223,7 +224,8 @@ class _Value:
         seconds, fraction = self.unpack("iI", raw, at)
         if seconds == _INFINITE_SECONDS or (seconds, fraction) == (-1, 0xFFFFFFFF):
             return None
-        return seconds * 1000 + -(-fraction * 1000 >> 32)
+        ns = (fraction * 10**9 + (1 << 31)) >> 32  # some round fractions up, and some down
+        return seconds * 1000 + -(-ns // 10**6)
 
     def locator(self, raw: bytes) -> Locator | None:
         if len(raw) < locators.SIZE:
@@ -325,6 +327,10 @@ def _read_policy(qos: QoSProfile, pid: int, body: bytes, value: _Value) -> None:
         qos.reliability = ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT
     elif pid == ids.PID_DURABILITY:
         qos.durability = _DURABILITY.get(value.word(body), DurabilityPolicy.VOLATILE)
+    elif pid == ids.PID_HISTORY:
+        kind, depth = value.unpack("Ii", body)
+        qos.history = HistoryPolicy.KEEP_ALL if kind else HistoryPolicy.KEEP_LAST
+        qos.depth = 0 if kind else max(0, depth)
     elif pid == ids.PID_DEADLINE:
         qos.deadline_ms = value.duration_ms(body)
     elif pid == ids.PID_LIFESPAN:
@@ -397,7 +403,14 @@ def _duration(milliseconds: int | None) -> bytes:
     if milliseconds is None:
         return struct.pack("<iI", _INFINITE_SECONDS, 0xFFFFFFFF)
     seconds, ms = divmod(milliseconds, 1000)
-    return struct.pack("<iI", seconds, (ms << 32) // 1000)
+    # Rounded up: Cyclone would read the last nanosecond less, and tools a millisecond less.
+    return struct.pack("<iI", seconds, -((-ms << 32) // 1000))
+
+
+def _history(qos: QoSProfile) -> bytes:
+    if qos.history == HistoryPolicy.KEEP_ALL:
+        return struct.pack("<Ii", 1, -1)  # without a limit
+    return struct.pack("<Ii", 0, max(1, qos.depth))
 
 
 _SENTINEL: Final = struct.pack("<HH", ids.PID_SENTINEL, 0)
@@ -444,6 +457,7 @@ def write_endpoint(data: EndpointData) -> bytes:
         _parameter(
             ids.PID_DURABILITY, struct.pack("<I", _DURABILITY_NUMBER.get(qos.durability, 0))
         ),
+        _parameter(ids.PID_HISTORY, _history(qos)),
         _parameter(ids.PID_DEADLINE, _duration(qos.deadline_ms or None)),
         _parameter(
             ids.PID_LIVELINESS,

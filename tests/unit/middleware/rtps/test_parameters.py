@@ -179,8 +179,8 @@ names = st.text(
 )
 profiles = st.builds(
     QoSProfile,
-    depth=st.just(0),
-    history=st.just(HistoryPolicy.SYSTEM_DEFAULT),
+    depth=st.integers(1, 2**31 - 1),
+    history=st.sampled_from([HistoryPolicy.KEEP_LAST, HistoryPolicy.KEEP_ALL]),
     reliability=st.sampled_from([ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT]),
     durability=st.sampled_from([DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL]),
     deadline_ms=milliseconds,
@@ -201,6 +201,8 @@ def test_endpoints_come_back(qos, topic, type_name, is_writer, unicast, multicas
     guid = PREFIX + b"\0\0\1" + bytes([3 if is_writer else 4])
     data = EndpointData(guid, is_writer, topic, type_name, qos, unicast, multicast)
     found = read_endpoint(write_endpoint(data), is_writer)
+    if qos.history == HistoryPolicy.KEEP_ALL:
+        qos.depth = 0  # it is not announced
     assert vars(found) == vars(data)
 
 
