@@ -124,3 +124,13 @@ class BuiltinEndpoints:
             self._outbox.add_packets(self.writer.state, packets)
         if bits & topic.writer_bit:
             self.reader.state.match(remote.prefix + topic.writer, True, now)
+
+    def resume(self, remote: RemoteParticipant, now: float) -> None:
+        """Ask another participant again at once, which could not be sent what was due.
+
+        Until it has answered it gets the heartbeats alone, which are answered: all together may
+        be more octets than it may be sent.
+        """
+        self.writer.state.ask(remote.prefix + self._topic.reader, now)
+        if remote.is_proven:
+            self.reader.state.ask(remote.prefix + self._topic.writer, now)

@@ -21,6 +21,7 @@ class Change(NamedTuple):
         is_key: Whether the payload is a key.
         with_header: The payload for readers that expect the identity of a request in it, and not in
             inline QoS; None where there is no such difference.
+        written_at: When it was written, by the clock of deadlines in seconds.
         expires: When its lifespan is over; infinity: never.
     """
 
@@ -31,6 +32,7 @@ class Change(NamedTuple):
     readers: frozenset[bytes] | None
     is_key: bool
     with_header: bytes | None
+    written_at: float
     expires: float
 
     @property

@@ -11,6 +11,7 @@ from, or that the user configured; a farewell counts only from such an address.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Final
 
@@ -67,6 +68,9 @@ MAX_HELD: Final = 64 * 1024 * 1024
 # Seconds without a poll after which this process was stopped. Announcements of others are still
 # unread then: their leases are extended for as long as it takes to read them.
 _STOPPED: Final = 5.0
+# Seconds that participants may take to find each other. What is written by then to readers that
+# exist is not from before them.
+_DISCOVERY: Final = 1.0
 _GRACE: Final = 1.0
 
 
@@ -264,8 +268,14 @@ class Participant:
 
     # --- matching --------------------------------------------------------------------------
 
-    def _match(self, ours: LocalWriter | LocalReader, theirs: EndpointData, now: float) -> None:
-        """Match two endpoints of different kinds, if topic, type and QoS allow it."""
+    def _match(
+        self, ours: LocalWriter | LocalReader, theirs: EndpointData, now: float,
+        since: float = math.inf,
+    ) -> None:  # fmt: skip
+        """Match two endpoints of different kinds, if topic, type and QoS allow it.
+
+        ``since`` is that of :meth:`StatefulWriter.match`.
+        """
         writer, reader = (ours.data, theirs) if ours.data.is_writer else (theirs, ours.data)
         why = why_unmatched(writer, reader)
         if why is None:
@@ -276,7 +286,7 @@ class Participant:
         elif isinstance(ours, LocalWriter):
             packets = ours.state.match(
                 theirs.guid, theirs.qos.reliable, theirs.qos.transient_local, now,
-                ours.wants_header(theirs),
+                ours.wants_header(theirs), since,
             )  # fmt: skip
             self._outbox.add_packets(ours.state, packets)
             ours.on_match(theirs.guid)
@@ -361,13 +371,16 @@ class Participant:
                     # Multicast announcements may be lost. The schedule asks again when the lease
                     # would have ended, not for each submessage.
                     remote.expires = now + remote.lease
+                    # What is for us alone shows that it knows our prefix.
+                    remote.is_proven |= is_directed
                     if type(submessage) is AckNack or type(submessage) is NackFrag:
-                        # An acknowledgement to us shows that it knows our prefix.
-                        remote.is_proven |= is_directed and type(submessage) is AckNack
                         self._answer_to(remote, submessage, answers_to)
                     if not self._dispatch(remote, submessage, now, source_ns):
                         self._begin_anew(remote, source, now)
                         remote = self.remotes.get(prefix)
+            if remote is not None and remote.may_resume():
+                for endpoints in self._builtins:
+                    endpoints.resume(remote, now)
         except MalformedError:
             self.malformed += 1
 
@@ -514,8 +527,12 @@ class Participant:
             return
         remote.add(endpoint)
         self._remote_endpoints.add(endpoint)
+        topic = self._publications if is_writer else self._subscriptions
+        announcer = topic.reader.state.writers.get(sample.writer)
+        was_there = announcer is not None and sample.number <= announcer.last_at_match
+        since = remote.since - _DISCOVERY if was_there else math.inf
         for ours in self._endpoints.counterparts(endpoint):
-            self._match(ours, endpoint, self._now)
+            self._match(ours, endpoint, self._now, since)
         self.on_endpoint(endpoint, True)
 
     # --- what is sent ----------------------------------------------------------------------

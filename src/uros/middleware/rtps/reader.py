@@ -93,13 +93,15 @@ class WriterProxy:
         lost: Samples that the writer no longer had.
         progress: Counts samples and fragments that were taken, and numbers that were passed over.
         in_vain: Requests in a row that brought nothing.
-        behind_since: When its heartbeats began to be behind what came from it; None: they are not.
+        behind_since: When the counter of its heartbeats fell, or its best-effort samples began to
+            be behind what came from it; None: they are not.
+        last_at_match: The last number of its first heartbeat; 0: none has come.
     """
 
     __slots__ = (
         "ack_at", "asked", "behind_since", "expected", "guid", "heartbeat_counter", "held",
-        "held_octets", "highest", "in_vain", "incomplete", "lifespan", "lost", "participant",
-        "progress", "reliable", "requested_at", "retry_at",
+        "held_octets", "highest", "in_vain", "incomplete", "last_at_match", "lifespan", "lost",
+        "participant", "progress", "reliable", "requested_at", "retry_at",
     )  # fmt: skip
 
     def __init__(self, guid: bytes, reliable: bool, now: float) -> None:
@@ -112,6 +114,7 @@ class WriterProxy:
         self.held_octets = 0
         self.incomplete: dict[int, IncompleteSample] = {}
         self.highest = 0  # the last number that the writer is known to have
+        self.last_at_match = 0
         self.heartbeat_counter: int | None = None
         self.progress = 0
         self.requested_at = -1  # the progress
@@ -188,6 +191,13 @@ class StatefulReader:
         """Remove all writers of a participant."""
         for guid in [guid for guid in self.writers if guid.startswith(prefix)]:
             self.unmatch(guid)
+
+    def ask(self, guid: bytes, now: float) -> None:
+        """Send a writer an acknowledgement now, if it has something to answer."""
+        proxy = self.writers.get(guid)
+        if proxy is not None and (proxy.heartbeat_counter is None or self._lacks(proxy)):
+            proxy.ack_at = now
+            self.on_change(self)
 
     def close(self) -> None:
         """Remove all writers."""
@@ -334,12 +344,15 @@ class StatefulReader:
         if is_new and heartbeat.last >= (proxy.expected or 0) - 1:
             proxy.behind_since = None
         elif proxy.behind_since is None:
-            proxy.behind_since = now
+            if not is_new:  # Fast DDS's last number falls when it drops the last of its history
+                proxy.behind_since = now
         elif now - proxy.behind_since >= _RESTART_AFTER:
             return False
         if not is_new:
             return True
         self.on_change(self)
+        if proxy.heartbeat_counter is None:
+            proxy.last_at_match = heartbeat.last
         proxy.heartbeat_counter = heartbeat.counter
         proxy.asked = 0
         pending = None if proxy.expected is None else proxy.ack_at

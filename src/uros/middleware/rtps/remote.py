@@ -85,6 +85,7 @@ class RemoteParticipant:
         is_proven: Whether it has answered us, and so receives what is sent to its address.
         lacks_announcement: Whether an announcement of ours was longer than what has come from it:
             then it gets nothing else.
+        left_out: Octets of the last message that it was not sent; see :meth:`may_send`. 0: none.
     """
 
     def __init__(self, data: ParticipantData, now: float) -> None:
@@ -100,6 +101,7 @@ class RemoteParticipant:
         self.announced_at = now
         self.is_proven = False
         self.lacks_announcement = False
+        self.left_out = 0
         self._sent = 0  # octets, until it is proven
         # What place_of() has found, by GUID: it is asked for each sample.
         self._places: dict[bytes, Locator | None] = {}
@@ -112,9 +114,22 @@ class RemoteParticipant:
         """Count octets to be sent; return whether they may.
 
         Attack: announcements with the address of somebody else. Until a participant has answered,
-        it gets no more octets than came from it; the protocol repeats what was left out.
+        it gets no more octets than came from it; the protocol repeats what was left out, and
+        :meth:`may_resume` tells when.
         """
-        return self.is_proven or (not self.lacks_announcement and self._take(octets))
+        if self.is_proven or (not self.lacks_announcement and self._take(octets)):
+            return True
+        self.left_out = octets
+        return False
+
+    def may_resume(self) -> bool:
+        """Return, once, whether what was left out may be sent by now."""
+        if not self.left_out or self.lacks_announcement:
+            return False
+        if not self.is_proven and self._sent + self.left_out > self.received:
+            return False
+        self.left_out = 0
+        return True
 
     def may_announce(self, octets: int) -> bool:
         """Return the same for an announcement of ours, without which it cannot answer."""

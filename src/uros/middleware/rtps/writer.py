@@ -111,7 +111,7 @@ class StatefulWriter:
 
     def match(
         self, guid: bytes, reliable: bool, wants_history: bool, now: float,
-        wants_header: bool = False,
+        wants_header: bool = False, since: float = math.inf,
     ) -> list[Packet]:  # fmt: skip
         """Add a reader, or change nothing where it is known.
 
@@ -121,6 +121,7 @@ class StatefulWriter:
             wants_history: Whether it is transient local.
             now: The time in seconds.
             wants_header: Whether it expects the identity of a request in the payload.
+            since: From when on a reliable reader that is volatile gets what is in the history.
 
         Returns:
             What it is sent at once: the history for a best-effort reader, else a heartbeat.
@@ -131,8 +132,13 @@ class StatefulWriter:
         self._drop_expired(now)
         late = wants_history and self.transient_local and bool(self._history)
         first = next(iter(self._history)) if late else self.last + 1
+        last = self.last
+        if self.transient_local and not late and since <= now:
+            # It begins here whatever implementation it is of: see _heartbeat().
+            first = next((n for n, c in self._history.items() if c.written_at >= since), first)
+            last = first - 1
         proxy = self.readers[guid] = ReaderProxy(
-            guid, reliable and self.reliable, first, self.last, wants_header, now
+            guid, reliable and self.reliable, first, last, wants_header, now
         )
         if proxy.reliable:
             self.reliable_readers[guid] = proxy
@@ -163,6 +169,13 @@ class StatefulWriter:
         if guids:
             self.on_change(self)
             self._trim()
+
+    def ask(self, guid: bytes, now: float) -> None:
+        """Send a reader its next heartbeat now, if it has something to answer."""
+        proxy = self.reliable_readers.get(guid)
+        if proxy is not None and (proxy.waits_until is not None or proxy.acked < self.last):
+            proxy.heartbeat_at = now
+            self.on_change(self)
 
     # --- samples --------------------------------------------------------------------------
 
@@ -217,7 +230,7 @@ class StatefulWriter:
             return []
         change = Change(
             self.last, payload, inline_qos, time_ns, readers, is_key, with_header,
-            now + self._lifespan,
+            now, now + self._lifespan,
         )  # fmt: skip
         if is_kept:
             self._keep(change)

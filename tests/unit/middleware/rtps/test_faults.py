@@ -397,6 +397,25 @@ def test_a_request_that_is_not_answered_is_repeated_without_a_heartbeat():
     assert one.remotes
 
 
+def test_a_last_number_that_falls_is_no_restart():
+    """Fast DDS forgets the announcement and the farewell of an endpoint, if they are the last."""
+    network = RoughNetwork(1)
+    one = network.add(1)
+    stranger = Stranger(network, one)
+    stranger.announce()
+    before = one.remotes[stranger.prefix]
+    for counter, last in enumerate((10, 8, 8, 8), 1):
+        heartbeat = submessages.encode_heartbeat(
+            bytes(4), ids.PUBLICATIONS_WRITER, 1, last, counter
+        )
+        stranger.send(submessages.encode_info_dst(prefix(1)), heartbeat)
+        stranger.send(
+            submessages.encode_gap(bytes(4), ids.PUBLICATIONS_WRITER, 1, last + 1, []),
+        )
+        network.step(1.5)
+    assert one.remotes[stranger.prefix] is before
+
+
 def test_a_best_effort_writer_that_begins_anew_is_noticed_by_its_numbers():
     """Its participant came back under its GUID, with as many announcements as before."""
     network = RoughNetwork(1)

@@ -1,7 +1,18 @@
 """How soon the first sample passes between endpoints that have just found each other."""
 
 import pytest
-from support.rtps_network import TYPE, Inbox, Network, Stranger, cdr, pair, writer_of
+from support.rtps_network import (
+    GROUP,
+    LATCHED,
+    TYPE,
+    Inbox,
+    Network,
+    Stranger,
+    cdr,
+    pair,
+    prefix,
+    writer_of,
+)
 
 from uros.middleware.rtps import ids, parameters, submessages
 from uros.middleware.rtps.parameters import EndpointData
@@ -45,6 +56,120 @@ def test_the_first_sample_arrives_within_the_turn_of_the_match(network):
     writer.write(cdr(1), 0, network.now)
     network.carry()
     assert inbox.samples == [cdr(1)] and len(network.log) <= 4
+
+
+def test_endpoints_match_within_the_turn_in_which_participants_meet(network):
+    """Neither waits for the time after which heartbeats are repeated."""
+    one = network.add(1)
+    writer = writer_of(network, one)
+    network.step(0.1, 50)
+    inbox = Inbox(network, network.add(2))
+    network.carry()  # all without a step of time
+    assert writer.matched() and inbox.reader.state.writers
+
+
+def asked(network):
+    """What the stranger was asked since the last call: (heartbeats, acknowledgements)."""
+    network.carry()
+    sent = [
+        submessage
+        for _, datagram, place in network.log
+        if place != GROUP
+        for submessage in submessages.read(memoryview(datagram))
+    ]
+    network.log.clear()
+    return tuple(
+        {one.writer for one in sent if isinstance(one, kind)}
+        for kind in (submessages.Heartbeat, submessages.AckNack)
+    )
+
+
+BUILTIN = {
+    ids.PUBLICATIONS_WRITER, ids.SUBSCRIPTIONS_WRITER, ids.PARTICIPANT_MESSAGE_WRITER
+}  # fmt: skip
+
+
+def greet(network):
+    """A stranger that was answered by an announcement, and by nothing else: that was too much."""
+    one = network.add(1)
+    network.carry()
+    network.log.clear()
+    stranger = Stranger(network, one)
+    stranger.announce(builtin=0xC3F, user_data=bytes(50))
+    assert asked(network) == (set(), set())
+    (remote,) = one.remotes.values()
+    assert not remote.lacks_announcement
+    return stranger
+
+
+@pytest.mark.parametrize("kind", ["acknowledgement", "heartbeat"])
+def test_what_was_left_out_is_asked_as_soon_as_a_participant_has_answered(network, kind):
+    """It is repeated later too: after 0.05 s and more."""
+    stranger = greet(network)
+
+    def answer(count):
+        if kind == "heartbeat":
+            return submessages.encode_heartbeat(bytes(4), ids.SUBSCRIPTIONS_WRITER, 1, 0, count)
+        return submessages.encode_acknack(
+            ids.SUBSCRIPTIONS_READER, ids.SUBSCRIPTIONS_WRITER, 1, (), count
+        )
+
+    stranger.send(answer(1))
+    assert asked(network)[0] == set()  # that may be for anybody
+    stranger.send(submessages.encode_info_dst(prefix(1)), answer(2))
+    assert asked(network) == (BUILTIN, BUILTIN)
+    assert asked(network) == (set(), set())  # once
+
+
+def test_heartbeats_that_were_left_out_are_sent_as_soon_as_enough_octets_have_come(network):
+    stranger = greet(network)
+    stranger.announce(builtin=0xC3F, user_data=bytes(50))
+    assert asked(network) == (BUILTIN, set())
+
+
+def discovered(network, pause=0.0, late=False, qos=None):
+    """What a writer knows of a reader that it has found after it had written.
+
+    The writer has latched numbers 1 and 2, with 5 s in between. After a pause the participant of
+    the reader is found, 0.1 s later number 3 is written, and then the reader is found; ``late`` has
+    it created since its participant was found.
+    """
+    one = network.add(1)
+    writer = writer_of(network, one, qos=LATCHED)
+    writer.write(cdr(1), 0, network.now)
+    network.step(5.0)
+    writer.write(cdr(2), 0, network.now)
+    network.step(pause)
+    stranger = Stranger(network, one)
+    stranger.announce()
+    topic = ids.SUBSCRIPTIONS_WRITER
+    stranger.send(submessages.encode_heartbeat(bytes(4), topic, 1, not late, 1))
+    network.step(0.1)
+    writer.write(cdr(3), 0, network.now)
+    guid = stranger.prefix + b"\0\0\1\4"
+    data = EndpointData(guid, False, "rt/chatter", TYPE, qos or QoSProfile())
+    payload = parameters.write_endpoint(data)
+    stranger.send(submessages.encode_data(bytes(4), topic, 1, payload))
+    return writer.state.readers[guid]
+
+
+def test_a_volatile_reader_gets_what_was_latched_while_it_was_being_discovered(network):
+    """It is not from before the reader. With Cyclone, rclpy gets all that is latched."""
+    reader = discovered(network)
+    assert (reader.first, reader.last_at_match) == (2, 1)
+
+
+def test_what_was_latched_before_discovery_is_not_for_a_volatile_reader(network):
+    assert discovered(network, pause=5.0).first == 3
+
+
+def test_what_was_latched_before_a_volatile_reader_was_created_is_not_for_it(network):
+    reader = discovered(network, late=True)
+    assert (reader.first, reader.last_at_match) == (4, 3)
+
+
+def test_a_late_reader_that_is_latched_too_gets_the_history(network):
+    assert discovered(network, pause=5.0, late=True, qos=LATCHED).first == 1
 
 
 def test_a_sample_asks_a_reader_that_is_silent_whether_it_is_there():

@@ -271,6 +271,7 @@ def test_a_participant_that_has_not_answered_gets_no_more_octets_than_came(netwo
         ids.PUBLICATIONS_READER, ids.PUBLICATIONS_WRITER, 1, range(1, 201), 1
     )
     stranger.send(acknack)
+    stranger.send(submessages.encode_info_dst(prefix(2)), acknack)
     assert not remote.is_proven
     stranger.send(submessages.encode_info_dst(prefix(1)), acknack)
     assert remote.is_proven
