@@ -4,7 +4,7 @@
 #   make board [NAME=...]    a virtual board and an agent; NAME=list has them
 #   make quick               lint and the unit tests without the long ones: for daily work
 #   make test                all tests that a change must pass
-#   make test-full           these and the slow ones
+#   make test-full           these, the slow ones, and the tests with ROS on rtps too
 #   make test-arm64          the quick tests and the demo in an emulated Debian on arm64; as root
 #   make coverage            how much of wire and agent their own tests reach
 #   make fuzz [TARGET=...] [SECONDS=600]   any bytes against one part, or all
@@ -43,6 +43,7 @@ test:
 test-full:
 	@$(PYTHON) scripts/env.py test
 	@.venv/bin/python tests/run.py --full $(ARGS)
+	@$(if $(ARGS),,.venv/bin/python tests/run.py --middleware rtps)
 	@$(if $(ARGS),,.venv/bin/python scripts/cover.py)
 
 test-arm64:

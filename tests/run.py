@@ -1,6 +1,6 @@
 """Runs the test groups, one pytest process each, and prints a line for each group at the end.
 
-    tests/run.py [--full] [--group NAME]...
+    tests/run.py [--full] [--group NAME]... [--middleware NAME]
 
 The exit status is 0 only if every group ran at least one test and none failed. A skipped test
 counts as failed unless its reason begins with 'not on this platform:'. The groups interop and
@@ -44,6 +44,9 @@ PREPARE = {
 }
 PREPARING = threading.Lock()  # groups of several lanes need the same environment
 NEED_ROS = ("interop", "boards")
+# Their agents and host nodes run on the middleware that --middleware chooses.
+ON_MIDDLEWARE = ("replay", "interop", "boards")
+MIDDLEWARES = ("dds", "rtps")
 EXCUSE = "not on this platform:"
 
 # pytest-timeout ends a test that hangs, but not one that hangs in C with the interpreter's lock.
@@ -172,8 +175,17 @@ def main() -> int:
         "--group", action="append", choices=GROUPS, metavar="NAME",
         help=f"only this group; can be given again ({', '.join(GROUPS)})",
     )  # fmt: skip
+    parser.add_argument(
+        "--middleware", choices=MIDDLEWARES, metavar="NAME",
+        help=f"the middleware of agents and host nodes ({' or '.join(MIDDLEWARES)}); without"
+        f" --group only of {', '.join(ON_MIDDLEWARE)}",
+    )  # fmt: skip
     options = parser.parse_args()
-    chosen = [group for group in GROUPS if group in (options.group or GROUPS)]
+    groups = options.group or (ON_MIDDLEWARE if options.middleware else GROUPS)
+    chosen = [group for group in GROUPS if group in groups]
+    if options.middleware:
+        os.environ["UROS_TEST_MIDDLEWARE"] = options.middleware  # see support/middleware.py
+    started = time.monotonic()
     in_ci = os.environ.get("CI", "").lower() not in ("", "0", "false")
 
     lanes = [[group for group in lane if group in chosen] for lane in LANES]
@@ -209,7 +221,9 @@ def main() -> int:
     failed += sum(1 for result in results if result.trouble)
     # Only the groups of NEED_ROS may be impossible on a machine.
     failed += sum(1 for r in results if r.not_run and (in_ci or r.group not in NEED_ROS))
-    print(f"{passed} passed, {failed} failed" + (f", {skipped} skipped" if skipped else ""))
+    counts = f"{passed} passed, {failed} failed" + (f", {skipped} skipped" if skipped else "")
+    where = f"{options.middleware}: " if options.middleware else ""
+    print(f"{where}{counts}, {time.monotonic() - started:.0f} s")
     return 1 if failed else 0
 
 

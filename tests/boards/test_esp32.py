@@ -15,6 +15,7 @@ from functools import partial
 import pytest
 from rosbags.typesys import Stores, get_typestore
 from support.agent import running_agent
+from support.middleware import MIDDLEWARE
 
 from uros.boards.virtual.engine.runner import RunningBoard, firmware_folder
 from uros.boards.virtual.models.catalog import find
@@ -43,7 +44,7 @@ def engine(request):
 @contextmanager
 def talking(board, peer, domain, node, publishers):
     """Run an agent on the board's line; the node is in the ROS graph meanwhile, and not after."""
-    with running_agent("serial", "dds", domain, device=board.path) as agent:
+    with running_agent("serial", MIDDLEWARE, domain, device=board.path) as agent:
         see_node(peer, node, publishers)
         yield agent
     assert peer.do("gone", namespace="/", name=node)["gone"]
@@ -257,7 +258,7 @@ def test_activity_3_a_button_and_a_brightness(engine, peer, domain):
 
 def test_activity_4_over_an_access_point_of_the_boards_own(engine, peer, domain):
     node, topic = "int32_publisher_rclc", "/std_msgs_msg_Int32"
-    with running_agent("udp", "dds", domain) as agent:
+    with running_agent("udp", MIDDLEWARE, domain) as agent:
         with RunningBoard(
             "esp32_wifi_publisher",
             engine=engine,

@@ -2,6 +2,7 @@
 
 import pytest
 from support.agent import running_agent
+from support.middleware import MIDDLEWARE
 
 from uros.boards.virtual.engine.runner import RunningBoard
 from uros.interfaces import load as load_type
@@ -51,7 +52,7 @@ def board(request, tmp_path, peer):
 
 @pytest.fixture
 def agent(board, domain):
-    with running_agent("serial", "dds", domain, device=board.path) as running:
+    with running_agent("serial", MIDDLEWARE, domain, device=board.path) as running:
         yield running
 
 
@@ -124,7 +125,7 @@ def test_the_usb_cable_is_unplugged_and_plugged_in_again(agent, board, peer):
 
 def test_a_restarted_agent_gets_all_entities_again(board, peer, domain):
     for _ in range(2):
-        with running_agent("serial", "dds", domain, device=board.path):
+        with running_agent("serial", MIDDLEWARE, domain, device=board.path):
             diagnostics(peer, "initialized")
             for topic in PLAUSIBLE:
                 forget(peer, topic)

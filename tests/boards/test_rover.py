@@ -13,6 +13,7 @@ import time
 import pytest
 from PIL import Image
 from support.agent import running_agent
+from support.middleware import MIDDLEWARE
 
 from uros.boards.virtual.engine.runner import RunningBoard
 from uros.interfaces import load as load_type
@@ -137,7 +138,7 @@ def rover(request, peer, domain):
     for topic in (*PUBLISHED, ROSOUT):
         peer.messages[topic].clear()
         peer.times[topic].clear()
-    with running_agent("udp", "dds", domain) as agent:
+    with running_agent("udp", MIDDLEWARE, domain) as agent:
         address = ("127.0.0.1", agent.transport.port)
         options = {"engine": engine, "form": FORM[engine], "agent": address}
         with RunningBoard("sprturtlebot", **options) as board:

@@ -4,6 +4,7 @@ import math
 
 import pytest
 from support.agent import running_agent
+from support.middleware import MIDDLEWARE
 
 from uros.boards.virtual.engine.runner import RunningBoard
 from uros.boards.virtual.world.outdoors import Outdoors
@@ -54,7 +55,7 @@ def board(request, tmp_path, peer):
 
 @pytest.fixture
 def agent(board, domain):
-    with running_agent("serial", "dds", domain, device=board.path) as running:
+    with running_agent("serial", MIDDLEWARE, domain, device=board.path) as running:
         yield running
 
 

@@ -15,6 +15,7 @@ import pytest
 from conftest import ROOT
 from PIL import Image
 from support.agent import running_agent
+from support.middleware import MIDDLEWARE, WITH_SERVICES
 from support.peer import RosPeer
 
 from uros.boards.virtual.engine.runner import RunningBoard
@@ -59,7 +60,7 @@ def running_board(name, engine, program=None, **options):
 def served(name, engine, domain):
     """A board that is connected to an agent of its own."""
     with running_board(name, engine) as board:
-        with running_agent("serial", "dds", domain, device=board.path):
+        with running_agent("serial", MIDDLEWARE, domain, device=board.path):
             board.wait(CONNECTED)
             yield board
 
@@ -100,7 +101,7 @@ def test_the_publisher_counts_ten_a_second_and_continues_with_a_new_agent(engine
     with running_board("spresense_publisher", engine) as board:
         board.wait(LOOKING)
         blinking(board)
-        with running_agent("serial", "dds", domain, device=board.path):
+        with running_agent("serial", MIDDLEWARE, domain, device=board.path):
             board.wait(CONNECTED)
             listed(peer, {NUMBERS: INT32})
             messages = [peer.timed_message(NUMBERS) for _ in range(11)]
@@ -117,7 +118,7 @@ def test_the_publisher_counts_ten_a_second_and_continues_with_a_new_agent(engine
         board.wait("no agent: ")
         blinking(board)
         forget(peer, NUMBERS)
-        with running_agent("serial", "dds", domain, device=board.path):
+        with running_agent("serial", MIDDLEWARE, domain, device=board.path):
             board.wait(CONNECTED)
             assert number(peer) > last
 
@@ -150,7 +151,7 @@ def test_the_publisher_over_each_modem_and_its_faults(
 ):
     forget(peer, NUMBERS)
     program = by_wifi(tmp_path, MODEM=modem)
-    with running_agent("udp", "dds", domain) as agent:
+    with running_agent("udp", MIDDLEWARE, domain) as agent:
         # The agent's address in config.py is mapped to this one.
         with running_board(
             "spresense_publisher_wifi", engine, program, agent=("127.0.0.1", agent.transport.port)
@@ -267,8 +268,8 @@ def test_the_camera_publishes_a_picture_a_second_and_reports_faults(engine, peer
 def agent_process(domain, link):
     """An agent in a process of its own on this line."""
     process = subprocess.Popen(
-        [sys.executable, "-m", "uros", "agent", "serial", "--dev", str(link), "-m", "auto",
-         "--domain", str(domain), "--stop-at-eof"],
+        [sys.executable, "-m", "uros", "agent", "serial", "--dev", str(link), "-m",
+         WITH_SERVICES, "--domain", str(domain), "--stop-at-eof"],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
         env=dict(os.environ, PYTHONPATH=str(ROOT / "src")),
     )  # fmt: skip

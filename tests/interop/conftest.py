@@ -6,6 +6,7 @@ A module that needs a different one overrides the fixture by name.
 import pytest
 from conftest import leased_domain
 from support.agent import running_agent
+from support.middleware import MIDDLEWARE
 from support.peer import RosPeer
 
 
@@ -25,5 +26,5 @@ def peer(ros_python, domain):
 @pytest.fixture(scope="module")
 def agent(domain):
     """An agent in this process, for boards over UDP."""
-    with running_agent("udp", "dds", domain) as running:
+    with running_agent("udp", MIDDLEWARE, domain) as running:
         yield running

@@ -1,6 +1,6 @@
 """Actions of boards on both Pythons, with real rclpy's action client and server.
 
-The agent is a process with the auto middleware, whose Python has no rclpy.
+The agent is a process whose Python has no rclpy.
 """
 
 import os
@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT
+from support.middleware import WITH_SERVICES
 from support.peer import RosPeer
 
 from uros.boards.virtual.engine.runner import RunningBoard
@@ -48,7 +49,7 @@ def peer(ros_python, domain):
 class ActionBoard:
     """A board, and ``uros agent`` on its serial line."""
 
-    def __init__(self, engine, folder, domain, middleware="auto"):
+    def __init__(self, engine, folder, domain, middleware=WITH_SERVICES):
         self.name = engine
         self.action = f"/{engine}/fibonacci"
         self.peer_action = f"/real/{engine}"  # the action that the board's client uses

@@ -7,6 +7,7 @@ import sys
 import pytest
 from support.client import XrceClient
 from support.lines import UdpLine
+from support.middleware import WITH_SERVICES
 from support.recorded import RecordedBoard, UdpBoard, submessages
 from support.replay import load, messages
 from support.signals import default_signals
@@ -177,7 +178,8 @@ def test_a_board_that_closes_its_session_leaves_the_graph(agent, peer):
 def test_an_agent_ended_by_a_signal_leaves_the_graph(domain, peer, number):
     with default_signals():
         agent = subprocess.Popen(
-            [sys.executable, "-m", "uros", "agent", "udp4", "-p", "0", "--domain", str(domain)],
+            [sys.executable, "-m", "uros", "agent", "udp4", "-p", "0", "-m", WITH_SERVICES,
+             "--domain", str(domain)],
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
         )  # fmt: skip
     try:

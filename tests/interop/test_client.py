@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from conftest import ROOT
 from support.agent import running_agent
+from support.middleware import MIDDLEWARE
 
 from uros.boards.virtual.engine.runner import RunningBoard
 from uros.interfaces import load as load_type
@@ -39,7 +40,7 @@ def boards(request, tmp_path, domain):
                 link=tmp_path / f"tty_{name}",
             )  # fmt: skip
             stack.enter_context(board)
-            stack.enter_context(running_agent("serial", "dds", domain, device=board.path))
+            stack.enter_context(running_agent("serial", MIDDLEWARE, domain, device=board.path))
         yield names
 
 

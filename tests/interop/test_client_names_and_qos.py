@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from conftest import ROOT
 from support.agent import running_agent
+from support.middleware import MIDDLEWARE
 from uros.interfaces.std_msgs.msg import Int32
 
 from uros import qos
@@ -89,7 +90,7 @@ PROFILES = {
 
 
 def test_agent_endpoints_have_the_requested_qos(ros_python, domain):
-    with running_agent("udp", "dds", domain) as agent:
+    with running_agent("udp", MIDDLEWARE, domain) as agent:
         node = Node("qos", UdpTransport("127.0.0.1", agent.transport.port), domain_id=domain)
         for name, profile in PROFILES.items():
             node.create_publisher(Int32, f"/qos/{name}_out", profile)
@@ -121,7 +122,7 @@ def test_agent_endpoints_have_the_requested_qos(ros_python, domain):
 
 def test_a_late_subscriber_gets_as_many_samples_as_the_depth(domain, peer):
     """History and depth are not announced by discovery: the number of kept samples shows them."""
-    with running_agent("udp", "dds", domain) as agent:
+    with running_agent("udp", MIDDLEWARE, domain) as agent:
         node = Node("latched", UdpTransport("127.0.0.1", agent.transport.port), domain_id=domain)
         profile = QoSProfile(3, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         publisher = node.create_publisher(Int32, "/latched/three", profile)
@@ -144,7 +145,7 @@ def test_a_late_subscriber_gets_as_many_samples_as_the_depth(domain, peer):
 
 def test_a_board_sees_the_graph_of_real_nodes(domain, peer):
     peer.do("subscribe", topic="/graph/listened", type="std_msgs/msg/Int32")
-    with running_agent("udp", "dds", domain) as agent:
+    with running_agent("udp", MIDDLEWARE, domain) as agent:
         transport = UdpTransport("127.0.0.1", agent.transport.port, mtu=4096)
         node = Node("looking", transport, "board", domain_id=domain)
         node.create_publisher(Int32, "/graph/listened")

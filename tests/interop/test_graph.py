@@ -10,6 +10,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from support.agent import RunningAgent, running_agent, serving
 from support.client import XrceClient
 from support.lines import UdpLine
+from support.middleware import MIDDLEWARE, WITH_SERVICES
 
 from uros.agent.objects.ros_graph import TOPIC, TYPE
 from uros.agent.policy.liveliness import Liveliness
@@ -32,6 +33,8 @@ def opened(agent, key, **more):
 
 
 def watched_graphs(agent):
+    if MIDDLEWARE == "rtps":
+        return list(agent.middleware._graphs)
     jobs = agent.middleware.context.schedule._jobs
     return [job for job in jobs if isinstance(job, PacedCall)]
 
@@ -206,7 +209,7 @@ def test_a_deleted_node_leaves_the_graph_and_the_other_node_stays(agent, peer):
 
 
 def test_a_board_whose_tcp_connection_closes_leaves_the_graph(domain, peer):
-    with running_agent("tcp", "dds", domain) as agent:
+    with running_agent("tcp", MIDDLEWARE, domain) as agent:
         board(agent, 0x52000013)
         assert_there(peer)
         agent.lines[0].close()
@@ -215,7 +218,7 @@ def test_a_board_whose_tcp_connection_closes_leaves_the_graph(domain, peer):
 
 def test_a_silent_udp_board_leaves_the_graph_after_its_dead_time(domain, peer):
     """Over UDP the agent notices by its silence alone that a board is switched off."""
-    running = RunningAgent("udp", "dds", domain, 4)
+    running = RunningAgent("udp", MIDDLEWARE, domain, 4)
     running.agent.liveliness = Liveliness(running.agent, dead_time=3)
     with serving(running) as agent:
         board(agent, 0x52000016)
@@ -240,13 +243,14 @@ def test_a_board_that_returns_with_another_key_replaces_the_old_one(agent, peer)
     new.close()
 
 
-# Seconds after which a participant is removed that did not announce its end: Cyclone's lease.
-LEASE = 10
+# Seconds after which a participant is removed that did not announce its end.
+LEASE = {"dds": 10, "rtps": 20}[MIDDLEWARE]
 
 
 def test_a_killed_agent_is_gone_after_its_lease(domain, peer):
     agent = subprocess.Popen(
-        [sys.executable, "-m", "uros", "agent", "udp4", "-p", "0", "--domain", str(domain)],
+        [sys.executable, "-m", "uros", "agent", "udp4", "-p", "0", "-m", WITH_SERVICES,
+         "--domain", str(domain)],
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
     )  # fmt: skip
     try:

@@ -5,9 +5,9 @@ import threading
 from contextlib import contextmanager
 
 import pytest
+from support.middleware import host_node
 from support.nodes import MESSAGES, Int32, String
 
-import uros
 from uros.interfaces.codec import from_cdr, to_cdr
 from uros.qos import QoSProfile, ReliabilityPolicy
 
@@ -42,7 +42,7 @@ def spinning(node):
 def test_rclpy_hears_what_a_host_publishes(peer, domain, type):
     sent = MESSAGES[type]
     topic = f"/from_host/{type.__name__.lower()}"
-    node = uros.Node("host_talker", domain_id=domain)
+    node = host_node("host_talker", domain)
     publisher = node.create_publisher(type, topic)
     node.create_timer(0.02, lambda: publisher.publish(sent[publisher.published % len(sent)]))
     with spinning(node):
@@ -59,7 +59,7 @@ def test_a_host_hears_what_rclpy_publishes(peer, domain, type, reliability):
     sent = MESSAGES[type]
     topic = f"/to_host/{type.__name__.lower()}_{reliability}"
     messages = queue.Queue()
-    node = uros.Node("host_listener", domain_id=domain)
+    node = host_node("host_listener", domain)
     qos = QoSProfile(10, ReliabilityPolicy.RELIABLE)
     if reliability == "best_effort":
         qos.reliability = ReliabilityPolicy.BEST_EFFORT
@@ -90,7 +90,7 @@ def test_a_host_hears_what_rclpy_publishes(peer, domain, type, reliability):
 
 
 def test_rclpy_sees_the_node_with_its_endpoints_until_it_is_destroyed(peer, domain):
-    node = uros.Node("weather", namespace="/on_host", domain_id=domain)
+    node = host_node("weather", domain, namespace="/on_host")
     node.create_publisher(Int32, "count")
     node.create_publisher(String, "~/text")
     node.create_subscription(Int32, "/heard", print)
@@ -109,7 +109,7 @@ def test_rclpy_sees_the_node_with_its_endpoints_until_it_is_destroyed(peer, doma
 
 def test_a_node_that_never_spins_is_seen_and_heard(peer, domain):
     """A program that publishes and never calls spin is in the graph, and its samples arrive."""
-    node = uros.Node("mute", domain_id=domain)
+    node = host_node("mute", domain)
     publisher = node.create_publisher(Int32, "/never_spun")
     peer.do("subscribe", topic="/never_spun", type=Int32._TYPE)
     while not peer.messages["/never_spun"]:

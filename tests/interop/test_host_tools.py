@@ -19,6 +19,7 @@ from pathlib import Path
 import pytest
 from conftest import ROOT
 from support.agent import running_agent
+from support.middleware import MIDDLEWARE, host_node
 from support.peer import RosPeer
 
 from uros.interfaces import load
@@ -252,7 +253,7 @@ def test_topic_pub_names_a_subscription_that_does_not_match(uros, peer):
 def test_a_board_receives_what_topic_pub_publishes(uros, domain):
     received = threading.Event()
     heard = []
-    with running_agent("udp", "dds", domain) as agent:
+    with running_agent("udp", MIDDLEWARE, domain) as agent:
         import uros as package
 
         transport = UdpTransport("127.0.0.1", agent.transport.port)
@@ -312,8 +313,6 @@ def test_service_call_to_an_rclpy_service(uros, ros_python, peer, middleware):
 
 def test_service_call_with_values_and_with_a_rate(uros, domain):
     """The request has the given values; ``-r`` repeats it until Ctrl-C ends it with status 130."""
-    from uros import Node
-
     kind = load("std_srvs/srv/SetBool")
     requests = []
 
@@ -322,7 +321,7 @@ def test_service_call_with_values_and_with_a_rate(uros, domain):
         response.success, response.message = request.data, "on" if request.data else "off"
         return response
 
-    node = Node("switches", domain_id=domain)
+    node = host_node("switches", domain)
     node.create_service(kind, "/light", switch)
     with spinning(node):
         printed = uros("service", "call", "/light", "std_srvs/SetBool", "{data: 1}")
@@ -352,9 +351,7 @@ def test_service_call_waits_for_a_service(domain):
     late = ("service", "call", "/late", TRIGGER, "--domain", str(domain))
     with child(sys.executable, *late) as process:
         assert "waiting for service /late" in process.stderr.readline()
-        from uros import Node
-
-        node = Node("late", domain_id=domain)
+        node = host_node("late", domain)
         node.create_service(load(TRIGGER), "/late", lambda request, response: response)
         with spinning(node):
             out = process.stdout.read()
@@ -362,12 +359,10 @@ def test_service_call_waits_for_a_service(domain):
 
 
 def test_service_call_to_a_server_that_does_not_answer_or_leaves(uros, domain):
-    from uros import Node
-
     def refuse(request, response):
         raise RuntimeError("deaf")  # it is printed, and nothing is answered
 
-    node = Node("deaf", domain_id=domain)
+    node = host_node("deaf", domain)
     node.create_service(load(TRIGGER), "/deaf", refuse)
     deaf = ("service", "call", "/deaf", TRIGGER, "--domain", str(domain))
     with child(sys.executable, *deaf) as process:

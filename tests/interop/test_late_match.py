@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 from support.agent import running_agent
+from support.middleware import MIDDLEWARE
 from support.nodes import Int32, String
 
 import uros
@@ -75,7 +76,7 @@ def board(domain):
     def record(topic):
         return lambda message: received[topic].append((message.data, time.monotonic()))
 
-    with running_agent("udp", "dds", domain) as agent:
+    with running_agent("udp", MIDDLEWARE, domain) as agent:
         node = uros.Node("late", UdpTransport("127.0.0.1", agent.transport.port))
         for topic in TOPICS:
             node.create_subscription(Int32, topic, record(topic), 10)

@@ -1,7 +1,8 @@
-"""Services of boards on the auto and ros2 middlewares, with rclpy nodes in processes of their own.
+"""Services of boards on auto (or rtps) and ros2, with rclpy nodes in processes of their own.
 
-With auto the agent's Python has no rclpy. With ros2 the agent runs under the interpreter that has
-it, and so do the tests of the middleware itself: the contract suite and ``rclpy_middleware.py``.
+With auto and rtps the agent's Python has no rclpy. With ros2 the agent runs under the interpreter
+that has it, and so do the tests of the middleware itself: the contract suite and
+``rclpy_middleware.py``.
 """
 
 import os
@@ -18,6 +19,7 @@ import pytest
 from conftest import ROOT, leased_domain
 from support.client import XrceClient
 from support.lines import UdpLine
+from support.middleware import WITH_SERVICES
 from support.peer import RosPeer
 from support.signals import default_signals
 
@@ -70,7 +72,7 @@ class Agent:
     """``uros agent`` as a process. ``log`` has the lines of its log."""
 
     def __init__(
-        self, python, domain, middleware="auto", how="--stop-at-eof", more=(), **variables
+        self, python, domain, middleware=WITH_SERVICES, how="--stop-at-eof", more=(), **variables
     ):
         self.middleware = middleware
         command = [python, "-m", "uros", "agent", "udp4", "-p", "0", "-m", middleware]
@@ -129,7 +131,7 @@ class Agent:
 
 
 @contextmanager
-def running(python, domain, middleware="auto", **options):
+def running(python, domain, middleware=WITH_SERVICES, **options):
     agent = Agent(python, domain, middleware, **options)
     try:
         yield agent
@@ -144,14 +146,15 @@ def ros2_agent(ros_python, domain):
 
 
 @pytest.fixture(scope="module")
-def auto_agent(domain):
-    with running(sys.executable, domain, "auto") as agent:
+def agent_without_rclpy(domain):
+    with running(sys.executable, domain) as agent:
         yield agent
 
 
-@pytest.fixture(scope="module", params=["auto", "ros2"])
+@pytest.fixture(scope="module", params=[WITH_SERVICES, "ros2"])
 def agent(request):
-    return request.getfixturevalue(f"{request.param}_agent")
+    name = "ros2_agent" if request.param == "ros2" else "agent_without_rclpy"
+    return request.getfixturevalue(name)
 
 
 @pytest.fixture(scope="module")
@@ -347,13 +350,13 @@ def test_a_malformed_reply_is_refused_and_the_next_one_passes(ros2_agent, peer):
     client.close()
 
 
-def test_a_board_that_reads_the_graph_sees_a_service_once(auto_agent, peer):
-    server = auto_agent.board(0x6100000E)
+def test_a_board_that_reads_the_graph_sees_a_service_once(agent_without_rclpy, peer):
+    server = agent_without_rclpy.board(0x6100000E)
     server.service(ids.KIND_REPLIER, "told/gate", "/told/open", *TRIGGER_TYPES)
     offered = {"/told/open": [TRIGGER]}
     listed = peer.do("services", namespace="/told", name="gate", services=offered, clients={})
     assert listed["found"] == [offered, {}], listed
-    client = auto_agent.board(0x6100000F)
+    client = agent_without_rclpy.board(0x6100000F)
     flags = ids.QOS_RELIABLE | ids.QOS_KEEP_LAST | ids.QOS_TRANSIENT_LOCAL
     reader = client.reader("asking", ros_graph.TOPIC, ros_graph.TYPE, flags, depth=1)
     client.read(reader)
@@ -379,7 +382,7 @@ def test_an_rclpy_that_does_not_start_ends_the_agent_with_the_remedy(ros_python,
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("middleware", ["auto", "ros2"])
+@pytest.mark.parametrize("middleware", [WITH_SERVICES, "ros2"])
 def test_an_agent_with_services_ended_by_a_signal_leaves_the_graph(
     ros_python, domain, peer, middleware, number
 ):

@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
+from support.agent import running_agent
 from support.client import XrceClient
 from support.peer import RosPeer
 
@@ -42,6 +43,12 @@ pytestmark = pytest.mark.timeout(120)
 @pytest.fixture(scope="module")
 def peer(ros_python, domain):
     with RosPeer(ros_python, domain, Path(__file__).parent / "service_peer.py") as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def agent(domain):
+    with running_agent("udp", "dds", domain) as running:
         yield running
 
 

@@ -4,6 +4,7 @@ import pytest
 from support.agent import running_agent
 from support.client import XrceClient
 from support.lines import SECONDS
+from support.middleware import MIDDLEWARE
 from support.recorded import RecordedBoard, UdpBoard
 from support.replay import load
 
@@ -16,7 +17,7 @@ def address(agent):
 
 @pytest.fixture
 def agent(own_domain_id):
-    with running_agent("udp", "dds", own_domain_id) as running:
+    with running_agent("udp", MIDDLEWARE, own_domain_id) as running:
         yield running
 
 

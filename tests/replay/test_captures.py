@@ -8,6 +8,7 @@ import pytest
 from support import recorded
 from support.agent import running_agent
 from support.client import XrceClient
+from support.middleware import MIDDLEWARE
 from support.replay import CAPTURES, Mismatch, Replay, messages
 
 from uros.wire import ids
@@ -44,7 +45,7 @@ def test_all_captures_are_here():
     assert len(NAMES) == 17
 
 
-@pytest.mark.parametrize("middleware", ["dds", "memory"])
+@pytest.mark.parametrize("middleware", [MIDDLEWARE, "memory"])
 @pytest.mark.parametrize(("name", "transport"), PLAYS, ids=["-".join(play) for play in PLAYS])
 def test_answers_are_those_of_the_recorded_agent(name, transport, middleware, own_domain_id):
     with running_agent(transport, middleware, own_domain_id) as agent:

@@ -447,9 +447,10 @@ def test_a_localhost_participant_is_created_where_discovery_stays_on_localhost(u
 
 
 def test_a_localhost_participant_is_refused_on_an_open_network(own_domain_id):
-    with Place(
-        "udp", own_domain_id, environment={"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}
-    ) as place:
+    # With the loopback interface of the tests' configuration rtps would stay on this machine,
+    # whatever the range is. The domain is not joined: the participant is refused before.
+    environment = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET", "CYCLONEDDS_URI": ""}
+    with Place("udp", own_domain_id, environment=environment) as place:
         vehicle = Px4(place.link(), config="localhost")
         vehicle.find_agent()
         vehicle.open()

@@ -12,6 +12,7 @@ import tty
 from collections import defaultdict
 
 from support.autopilot import SECONDS, SerialLink, UdpLink, until
+from support.middleware import MIDDLEWARE
 
 # --- the agent -------------------------------------------------------------------------------
 
@@ -113,7 +114,7 @@ class Place:
     def __init__(self, transport, domain, *arguments, environment=None):
         self.transport = transport
         self._terminal = Terminal() if transport == "serial" else None
-        self._arguments = ["-m", "dds", *arguments]
+        self._arguments = ["-m", MIDDLEWARE, *arguments]
         if domain is not None:
             self._arguments += ["--domain", domain]
         self._environment = environment

@@ -12,6 +12,7 @@ from uros.interfaces.sensor_msgs.msg import Temperature
 
 import uros
 from support.lines import SECONDS
+from support.middleware import WITH_SERVICES
 from uros.qos import QoSProfile, ReliabilityPolicy
 from uros.tools.doctor.finding import PROBLEM, Finding
 from uros.transport.udp import UdpTransport
@@ -27,7 +28,8 @@ def spare_port():
 def agent(port, *options):
     """A process of `uros agent`, which listens when the block begins."""
     process = subprocess.Popen(
-        [sys.executable, "-m", "uros", "agent", "udp4", "--port", str(port), *options],
+        [sys.executable, "-m", "uros", "agent", "udp4", "-m", WITH_SERVICES, "--port", str(port),
+         *options],
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
     )  # fmt: skip
     reader = threading.Thread(target=process.stdout.read)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from conftest import ROOT
 
+from support.middleware import WITH_SERVICES
 from support.peer import RosPeer
 from uros.boards.virtual.engine.runner import RunningBoard
 
@@ -18,7 +19,7 @@ SECONDS = 30.0
 
 
 @contextmanager
-def agent_process(device, domain, middleware="auto"):
+def agent_process(device, domain, middleware=WITH_SERVICES):
     """A process of ``uros agent`` on a serial line."""
     command = [sys.executable, "-m", "uros", "agent", "serial", "-D", device, "-m", middleware]
     process = subprocess.Popen(
@@ -52,7 +53,7 @@ def running_board(folder, engine, name):
 
 
 @contextmanager
-def board_and_peer(python, folder, engine, domain, middleware="auto"):
+def board_and_peer(python, folder, engine, domain, middleware=WITH_SERVICES):
     """Run board, agent and peer: (the node's full name, the RosPeer of board_peer.py)."""
     name = f"{engine}_camera"
     with (
