@@ -243,8 +243,8 @@ class Middleware(ABC):
             called several times a second.
         on_type_conflict: Called when a topic has another type elsewhere. Set before the first node.
         on_notice: Called with each notice for the user, once. Set before the first node.
-        batching: Whether the caller calls :meth:`flush` and :meth:`dispatch_local` after each burst,
-            so that samples may be held back until then. Set before the first node.
+        batching: Whether the caller calls :meth:`flush` and :meth:`dispatch_local` after each
+            burst, so that samples may be held back until then. Set before the first node.
         engines: What it consists of: itself, or those that it combines, which may become more. The
             agent calls :meth:`flush`, :meth:`dispatch_local` and :meth:`next_deadline` of each, for
             each message.
