@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from xml.sax.saxutils import quoteattr
+from xml.etree.ElementTree import Element, tostring
 
 from .. import cyclonedds_uri
 from ..environment import discovery_range
@@ -92,7 +92,8 @@ def config_xml(environment: Mapping[str, str], pid: int) -> str:
     elif reach == "SYSTEM_DEFAULT":
         peers = []
     if peers:
-        listed = "".join(f"<Peer Address={quoteattr(peer)}/>" for peer in peers)
+        # xml.sax.saxutils would quote the text alone, but loads 1.3 MB of HTTP and mail.
+        listed = "".join(tostring(Element("Peer", Address=peer), "unicode") for peer in peers)
         discovery += f"<Peers>{listed}</Peers>"
     ours = (
         f"<CycloneDDS><Domain><General>{general}</General>"

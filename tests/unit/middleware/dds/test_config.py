@@ -1,5 +1,7 @@
 """Cyclone's configuration from the environment variables of ROS 2."""
 
+import subprocess
+import sys
 import xml.etree.ElementTree as ET
 
 import pytest
@@ -134,7 +136,7 @@ def test_interfaces_that_the_user_chooses(uri, loopback, tmp_path):
         environment = {"CYCLONEDDS_URI": own, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
         # Interfaces add up: with ours in the configuration, the user could not choose another.
         assert "127.0.0.1" not in config.config_xml(environment, PID).partition(",")[0].replace(
-            '<Peer Address="127.0.0.1"/>', ""
+            '<Peer Address="127.0.0.1" />', ""
         )
         assert config.stays_on_loopback(environment) is loopback
 
@@ -174,3 +176,8 @@ def test_a_users_configuration_that_cyclone_refuses_is_an_error(own_domain_id):
     xml = config.config_xml({"CYCLONEDDS_URI": "<General><Nonsense/></General>"}, PID)
     with pytest.raises(MiddlewareError, match=f"DDS cannot join domain {own_domain_id}"):
         cyclone.open_domain(own_domain_id, xml)
+
+
+def test_an_agent_does_not_load_what_only_quotes_text():
+    code = "import sys, uros.middleware.dds.config; sys.exit('urllib.request' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
