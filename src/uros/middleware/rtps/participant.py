@@ -378,7 +378,7 @@ class Participant:
                     if not self._dispatch(remote, submessage, now, source_ns):
                         self._begin_anew(remote, source, now)
                         remote = self.remotes.get(prefix)
-            if remote is not None and remote.may_resume():
+            if remote is not None and remote.left_out and remote.may_resume():
                 for endpoints in self._builtins:
                     endpoints.resume(remote, now)
         except MalformedError:
