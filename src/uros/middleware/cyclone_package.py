@@ -7,7 +7,8 @@ import sys
 from typing import Final
 
 # Of cyclonedds 11.0.1 there are wheels for CPython 3.10 to 3.13 on these: (sys.platform,
-# platform.machine()). The markers in pyproject.toml say the same.
+# platform.machine()), on Linux with glibc. The markers in pyproject.toml say the same, but for
+# glibc: there is no marker of the C library.
 _WITH_WHEELS: Final = (
     ("linux", "x86_64"), ("darwin", "x86_64"), ("darwin", "arm64"), ("win32", "AMD64"),
 )  # fmt: skip
@@ -35,18 +36,20 @@ def has_wheel() -> bool:
         platform.python_implementation() == "CPython"
         and sys.version_info[:2] <= _LAST_PYTHON
         and (sys.platform, platform.machine()) in _WITH_WHEELS
+        and not is_other_linux()
     )
+
+
+def is_other_linux() -> bool:
+    """Return whether this is a Linux without glibc, such as Alpine, whose C library is musl."""
+    return sys.platform == "linux" and platform.libc_ver()[0] != "glibc"
 
 
 def remedy() -> str:
     """Return what a user who asks for Cyclone can do where it is missing."""
     without = "use -m rtps or leave -m out, which needs no library"
-    if sys.platform == "win32":
-        without = "run uros in WSL 2"  # rtps needs epoll or kqueue
     if has_wheel():
         return f"python -m pip install 'cyclonedds~=11.0.1', or {without}"
     version = ".".join(map(str, sys.version_info[:2]))
-    return (
-        f"PyPI has no wheel of it for Python {version} on {sys.platform} {platform.machine()}:"
-        f" {without}"
-    )
+    machine = platform.machine() + (" without glibc" if is_other_linux() else "")
+    return f"PyPI has no wheel of it for Python {version} on {sys.platform} {machine}: {without}"

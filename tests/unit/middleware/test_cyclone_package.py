@@ -5,6 +5,7 @@ import platform
 import sys
 from collections import namedtuple
 
+import pytest
 from packaging.requirements import Requirement
 from support.paths import ROOT
 
@@ -40,6 +41,7 @@ def test_the_markers_of_the_dependency_say_the_same_as_has_wheel(monkeypatch):
             there.setattr(sys, "platform", system)
             there.setattr(sys, "version_info", Version(*python, 0, "final", 0))
             there.setattr(platform, "machine", lambda machine=machine: machine)
+            there.setattr(platform, "libc_ver", lambda: ("glibc", "2.36"))
             there.setattr(
                 platform,
                 "python_implementation",
@@ -57,6 +59,15 @@ def test_the_markers_of_the_dependency_say_the_same_as_has_wheel(monkeypatch):
         ("linux", "x86_64", "CPython"), ("darwin", "x86_64", "CPython"),
         ("darwin", "arm64", "CPython"), ("win32", "AMD64", "CPython"),
     }  # fmt: skip
+
+
+@pytest.mark.parametrize("libc", [("", ""), ("musl", "1.2.5")])
+def test_there_is_no_wheel_for_a_linux_without_glibc(monkeypatch, libc):
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.setattr(platform, "libc_ver", lambda: libc)
+    assert not cyclone_package.has_wheel()
+    remedy = cyclone_package.remedy()
+    assert " without glibc: use -m rtps" in remedy and "pip install" not in remedy
 
 
 def test_the_remedy_names_the_version_of_the_dependency(monkeypatch):
