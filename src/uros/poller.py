@@ -10,6 +10,8 @@ from __future__ import annotations
 import array
 import select
 import selectors
+import socket
+import threading
 from collections.abc import Callable
 from typing import Protocol
 
@@ -55,18 +57,112 @@ class Poller(Protocol):
             timeout: Seconds, rounded up to milliseconds; 0 does not wait, None waits for ever.
         """
 
-    def fileno(self) -> int | None:
-        """Return a descriptor that is readable while one of these is ready; None: there is none."""
+    def fileno(self) -> int:
+        """Return a descriptor that is readable while one of these is ready.
+
+        It may stay readable until a :meth:`poll` finds nothing.
+        """
+
+    def rearm(self) -> None:
+        """Have :meth:`fileno` tell anew: for whoever has handled all without a :meth:`poll`."""
 
     def close(self) -> None:
         """Forget all descriptors."""
 
 
-class SelectorPoller:
-    """A :class:`Poller` of :mod:`selectors`."""
+class SelectThread:
+    """A descriptor that is readable while others are ready, where the system makes none of them.
+
+    A thread waits by ``select``. Once something is ready it waits for :meth:`rearm`, and not for
+    what its owner is about to receive.
+
+    Attributes:
+        watched: The descriptors to be read and to be written; :meth:`changed` has it use them.
+    """
 
     def __init__(self) -> None:
-        self._selector = selectors.DefaultSelector()
+        self.watched: tuple[list[int], list[int]] = [], []
+        self._told, self._tell = _pair()  # readable: the thread is to look at `watched` again
+        self._ours, self._wake = _pair()  # readable: something is ready
+        self._waits = threading.Event()
+        self._closed = False
+        self._thread = threading.Thread(target=self._run, name="uros select", daemon=True)
+        self._thread.start()
+
+    def fileno(self) -> int:
+        """Return the descriptor."""
+        return self._ours.fileno()
+
+    def changed(self) -> None:
+        """Wait for other descriptors."""
+        _set(self._tell)
+        self._waits.set()
+
+    def rearm(self) -> None:
+        """Make the descriptor unreadable until something is ready."""
+        _clear(self._ours)
+        self._waits.set()
+
+    def _run(self) -> None:
+        told = self._told.fileno()
+        while True:
+            self._waits.wait()
+            self._waits.clear()
+            while not self._closed:
+                reading, writing = self.watched
+                try:
+                    found, _, _ = select.select([told, *reading], writing, [])
+                except (OSError, ValueError):  # one was closed: the next poll says so
+                    break
+                if told not in found:
+                    break
+                _clear(self._told)
+            if self._closed:
+                return
+            _set(self._wake)
+
+    def close(self) -> None:
+        """End the thread."""
+        self._closed = True
+        self.changed()
+        self._thread.join()
+        for end in (self._told, self._tell, self._ours, self._wake):
+            end.close()
+
+
+def _pair() -> tuple[socket.socket, socket.socket]:
+    """Two sockets: what is sent by the second makes the first one readable."""
+    ends = socket.socketpair()
+    for end in ends:
+        end.setblocking(False)
+    return ends
+
+
+def _set(end: socket.socket) -> None:
+    try:
+        end.send(b"\0")
+    except BlockingIOError:
+        pass  # it is set
+
+
+def _clear(end: socket.socket) -> None:
+    try:
+        while end.recv(4096):
+            pass
+    except BlockingIOError:
+        pass
+
+
+class SelectorPoller:
+    """A :class:`Poller` of :mod:`selectors`.
+
+    Args:
+        selector: By default the best one of this system.
+    """
+
+    def __init__(self, selector: selectors.BaseSelector | None = None) -> None:
+        self._selector = selectors.DefaultSelector() if selector is None else selector
+        self._thread: SelectThread | None = None
 
     def watch(self, fileno: int, ready: Callable[[], None], writing: bool = False) -> None:
         """See :class:`Poller`."""
@@ -76,22 +172,51 @@ class SelectorPoller:
             self._selector.register(fileno, events, ready)
         elif (known.events, known.data) != (events, ready):
             self._selector.modify(fileno, events, ready)
+        else:
+            return
+        self._changed()
 
     def unwatch(self, fileno: int) -> None:
         """See :class:`Poller`."""
         if fileno in self._selector.get_map():
             self._selector.unregister(fileno)
+            self._changed()
+
+    def _changed(self) -> None:
+        if self._thread is not None:
+            keys = list(self._selector.get_map().values())
+            self._thread.watched = (
+                [key.fd for key in keys if key.events & selectors.EVENT_READ],
+                [key.fd for key in keys if key.events & selectors.EVENT_WRITE],
+            )
+            self._thread.changed()
 
     def poll(self, timeout: float | None) -> list[Callable[[], None]]:
         """See :class:`Poller`."""
-        return [key.data for key, _ in self._selector.select(timeout)]
+        ready = [key.data for key, _ in self._selector.select(timeout)]
+        if not ready:
+            self.rearm()
+        return ready
 
-    def fileno(self) -> int | None:
+    def fileno(self) -> int:
+        """See :class:`Poller`; with ``select``, as on Windows, there is a thread from then on."""
+        if hasattr(self._selector, "fileno"):
+            return int(self._selector.fileno())
+        if self._thread is None:
+            self._thread = SelectThread()
+            self._changed()
+        return self._thread.fileno()
+
+    def rearm(self) -> None:
         """See :class:`Poller`."""
-        return int(self._selector.fileno()) if hasattr(self._selector, "fileno") else None
+        if self._thread is not None:
+            self._thread.rearm()
 
     def close(self) -> None:
         """See :class:`Poller`."""
+        if self._thread is not None:
+            self._thread.close()
+            self._thread = None
         self._selector.close()
 
 
@@ -129,9 +254,12 @@ class EpollPoller:
             return [ready[found[0][0]]]
         return [ready[fileno] for fileno, _ in found]
 
-    def fileno(self) -> int | None:
+    def fileno(self) -> int:
         """See :class:`Poller`."""
         return self._epoll.fileno()
+
+    def rearm(self) -> None:
+        """See :class:`Poller`."""
 
     def close(self) -> None:
         """See :class:`Poller`."""

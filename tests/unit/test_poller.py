@@ -2,14 +2,24 @@
 
 import os
 import select
+import selectors
 import socket
+import threading
 
 import pytest
 
 from uros import poller
 
 
-@pytest.fixture(params=[poller.create, poller.SelectorPoller], ids=["create", "selectors"])
+def by_select():
+    """As on Windows, which has nothing else."""
+    return poller.SelectorPoller(selectors.SelectSelector())
+
+
+@pytest.fixture(
+    params=[poller.create, poller.SelectorPoller, by_select],
+    ids=["create", "selectors", "select"],
+)
 def polled(request):
     made = request.param()
     yield made
@@ -75,11 +85,62 @@ def test_a_number_of_a_closed_descriptor_is_watched_anew(polled):
     os.close(writing)
 
 
+def is_readable(fileno, seconds=20):
+    return bool(select.select([fileno], [], [], seconds)[0])
+
+
 def test_a_descriptor_is_readable_while_one_of_its_own_is(polled, pair):
     polled.watch(pair[0].fileno(), lambda: None)
-    assert not select.select([polled.fileno()], [], [], 0)[0]
+    assert not polled.poll(0) and not is_readable(polled.fileno(), 0)
     pair[1].send(b"x")
-    assert select.select([polled.fileno()], [], [], 1)[0]
+    assert is_readable(polled.fileno())
+    assert len(polled.poll(0)) == 1 and is_readable(polled.fileno())  # it was not received
+    pair[0].recv(10)
+    assert not polled.poll(0) and not is_readable(polled.fileno(), 0)
+    pair[1].send(b"y")
+    assert is_readable(polled.fileno())
+
+
+def test_the_descriptor_follows_what_is_watched(polled, pair):
+    fileno = polled.fileno()
+    assert not polled.poll(0)
+    polled.watch(pair[0].fileno(), lambda: None)
+    pair[1].send(b"x")
+    assert is_readable(fileno)
+    polled.unwatch(pair[0].fileno())
+    for _ in range(100):  # a thread may have been in the middle of it
+        assert not polled.poll(0)
+        if not is_readable(fileno, 0.05):
+            break
+    else:
+        pytest.fail("it is readable for what is no longer watched")
+    polled.watch(pair[1].fileno(), lambda: None, writing=True)
+    assert is_readable(fileno)
+
+
+def test_the_descriptor_of_who_handles_all_without_a_poll(polled, pair):
+    polled.watch(pair[0].fileno(), lambda: None)
+    for _ in range(2):
+        pair[1].send(b"x")
+        assert is_readable(polled.fileno())
+        pair[0].recv(10)
+        polled.rearm()
+        assert not is_readable(polled.fileno(), 0)
+    pair[1].send(b"x")
+    assert is_readable(polled.fileno())
+    polled.rearm()  # too early: it has not been received
+    assert is_readable(polled.fileno())
+
+
+def test_the_thread_ends_with_its_poller(pair):
+    before = set(threading.enumerate())
+    polled = by_select()
+    assert set(threading.enumerate()) == before, "without need"
+    polled.watch(pair[0].fileno(), lambda: None)
+    polled.fileno()
+    (thread,) = set(threading.enumerate()) - before
+    polled.close()
+    assert not thread.is_alive()
 
 
 def test_has_input_tells_whether_a_receive_finds_something(pair, monkeypatch):

@@ -20,7 +20,6 @@ from .. import poller
 from ..qos import QoSProfile
 from .base import (
     Middleware,
-    MiddlewareError,
     Node,
     OnReady,
     Replier,
@@ -77,14 +76,12 @@ class AutoNode(Node):
         """Create a service's server on rtps."""
         return self._service_node().create_replier(service, qos, on_ready)
 
-    def _service_node(self) -> Node:
+    def _service_node(self) -> RtpsNode:
         """Return the node that has the services."""
         if self._rtps is None:
-            rtps = self._middleware.services()
-            if rtps is None:
-                return self.dds
-            entry = self.dds.entry
-            self._rtps = rtps.create_service_node(self._domain, entry, self._localhost_only)
+            self._rtps = self._middleware.services().create_service_node(
+                self._domain, self.dds.entry, self._localhost_only
+            )
         return self._rtps
 
     def close(self) -> None:
@@ -112,8 +109,7 @@ class AutoMiddleware(Middleware):
         self.dds = dds
         self.engines = [dds]
         self._rtps: RtpsMiddleware | None = None
-        self._rtps_was_tried = False
-        # Both have a descriptor of their own; a selector that has one makes one of them.
+        # Both have a descriptor of their own; the poller makes one of them.
         self._poller = poller.create()
         self._poller.watch(self.dds.fileno(), self.dds.dispatch)
 
@@ -130,29 +126,20 @@ class AutoMiddleware(Middleware):
         middleware.on_notice = self.on_notice
         middleware.batching = self.batching
 
-    def services(self) -> RtpsMiddleware | None:
-        """Return the middleware for services; None if it is dds, as rtps cannot run here."""
-        if not self._rtps_was_tried:
-            self._rtps_was_tried = True
+    def services(self) -> RtpsMiddleware:
+        """Return the middleware for services, which the first call opens."""
+        if self._rtps is None:
             from .rtps.middleware import RtpsMiddleware
 
-            try:
-                self._rtps = RtpsMiddleware(announces_nodes=False)
-            except MiddlewareError as error:
-                self.notice(
-                    "services work with nodes of rmw_cyclonedds only; those with rmw_fastrtps see"
-                    f" them but get no answers, and calls of theirs are refused: {error}"
-                )
-            else:
-                self._configure(self._rtps)
-                self.engines.append(self._rtps)
-                self._poller.watch(self._rtps.fileno(), self._rtps.dispatch)
+            self._rtps = RtpsMiddleware(announces_nodes=False)
+            self._configure(self._rtps)
+            self.engines.append(self._rtps)
+            self._poller.watch(self._rtps.fileno(), self._rtps.dispatch)
         return self._rtps
 
     def fileno(self) -> int:
         """Return the descriptor that is readable when :meth:`dispatch` has work."""
-        fileno = self._poller.fileno()
-        return self.dds.fileno() if fileno is None else fileno  # without one rtps cannot run either
+        return self._poller.fileno()
 
     def dispatch(self) -> None:
         """Dispatch dds and rtps."""
@@ -161,6 +148,7 @@ class AutoMiddleware(Middleware):
         finally:
             if self._rtps is not None:
                 self._rtps.dispatch()
+            self._poller.rearm()
 
     def dispatch_local(self) -> None:
         """Dispatch what this process has written."""

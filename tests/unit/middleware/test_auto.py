@@ -12,7 +12,6 @@ from uros.middleware import base, open_middleware
 from uros.middleware.base import MiddlewareError, Service
 from uros.middleware.dds.middleware import DdsMiddleware
 from uros.middleware.rtps.middleware import RtpsMiddleware
-from uros.middleware.rtps.services import RtpsReplier
 from uros.qos import QoSProfile
 
 STRING = "std_msgs::msg::dds_::String_"
@@ -61,21 +60,6 @@ def test_rtps_is_opened_for_the_first_service(middleware, own_domain_id):
     assert serve_and_call(node, middleware) == REQUEST
     assert isinstance(middleware._rtps, RtpsMiddleware)
     assert middleware.engines == [middleware.dds, middleware._rtps]
-
-
-def test_services_go_over_dds_with_one_notice_where_rtps_cannot_run(
-    middleware, own_domain_id, monkeypatch
-):
-    monkeypatch.setattr("uros.poller.EpollPoller.fileno", lambda self: None)
-    notices = []
-    middleware.on_notice = notices.append
-    node = middleware.create_node(own_domain_id, "/", "node")
-    replier = node.create_replier(SERVICE, QoSProfile(), lambda: None)
-    assert not isinstance(replier, RtpsReplier)
-    node.create_requester(SERVICE, QoSProfile(), lambda: None)
-    assert middleware.fileno() == middleware.dds.fileno()
-    (notice,) = notices
-    assert "get no answers" in notice and "epoll" in notice
 
 
 def test_the_nodes_entry_lists_its_services_until_they_go(middleware, own_domain_id):

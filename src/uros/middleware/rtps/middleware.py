@@ -8,8 +8,7 @@ import time
 from collections.abc import Callable
 
 from ... import poller
-from ..base import Middleware, MiddlewareError, check_domain
-from ..cyclone_package import has_wheel
+from ..base import Middleware, check_domain
 from ..discovery_info.node_entry import NodeEntry
 from ..domains import check_loopback, check_number_joined
 from ..environment import discovery_range
@@ -35,8 +34,7 @@ class RtpsMiddleware(Middleware):
         unsent: The domains that have something to send.
 
     Raises:
-        MiddlewareError: ROS_AUTOMATIC_DISCOVERY_RANGE has a value that does not exist, or this
-            platform has neither epoll nor kqueue.
+        MiddlewareError: ROS_AUTOMATIC_DISCOVERY_RANGE has a value that does not exist.
     """
 
     name = "rtps"
@@ -54,11 +52,6 @@ class RtpsMiddleware(Middleware):
         self._ready: dict[RtpsReader, None] = {}
         self._is_receiving = False
         self._poller = poller.create()
-        if self._poller.fileno() is None:
-            raise MiddlewareError(
-                "the rtps middleware needs epoll or kqueue, which this platform has not: "
-                + ("use -m dds" if has_wheel() else "run uros in WSL 2")
-            )
         self._wakeup = WakeupFd()
         # What receives, in the order in which it is called.
         self._receivers: list[Callable[[], None]] = [self._wakeup.clear]
@@ -130,9 +123,7 @@ class RtpsMiddleware(Middleware):
 
     def fileno(self) -> int:
         """Return the descriptor that is readable when :meth:`dispatch` has work."""
-        fileno = self._poller.fileno()
-        assert fileno is not None
-        return fileno
+        return self._poller.fileno()
 
     def dispatch(self) -> None:
         """Receive, and call ``on_ready`` of each reader that received something."""
