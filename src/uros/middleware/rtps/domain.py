@@ -275,7 +275,6 @@ class RtpsDomain:
         What they have us send waits for a flush or a tick. Where not all of discovery was handled,
         what announces the writer of a sample may be in the rest: then samples are left out once.
         """
-        self._is_deadline_known = False
         is_for_samples = self._sockets.is_for_samples(fileno)
         if is_for_samples and self._is_behind:
             self._is_behind, self._has_waited = False, True
@@ -288,6 +287,8 @@ class RtpsDomain:
             is_late = time.monotonic() - now > _RECEIVE_SECONDS
             if is_late:
                 break
+        if not count:
+            self._is_deadline_known = False  # the descriptor is that of changed interfaces
         if is_for_samples:
             self._has_waited = False
         else:

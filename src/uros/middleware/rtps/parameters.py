@@ -6,6 +6,7 @@ is skipped; one that must be understood makes its list void (9.6.3.2).
 
 from __future__ import annotations
 
+import functools
 import struct
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
@@ -133,6 +134,9 @@ class InlineQos:
 
 # --- reading ----------------------------------------------------------------------------------
 
+_LITTLE: Final = struct.Struct("<HH")
+_BIG: Final = struct.Struct(">HH")
+
 
 def parameters(raw: bytes | memoryview, little: bool) -> Iterator[tuple[int, bytes]]:
     """Yield number and value of each parameter up to the sentinel.
@@ -142,7 +146,7 @@ def parameters(raw: bytes | memoryview, little: bool) -> Iterator[tuple[int, byt
     Raises:
         MalformedError: A parameter is longer than the list, or there are too many.
     """
-    form = struct.Struct("<HH" if little else ">HH")
+    form = _LITTLE if little else _BIG
     at = 0
     for _ in range(MAX_PARAMETERS):
         if at + 4 > len(raw):
@@ -519,6 +523,7 @@ def write_farewell_qos(guid: bytes) -> bytes:
     return _parameter(ids.PID_KEY_HASH, guid) + _parameter(ids.PID_STATUS_INFO, status) + _SENTINEL
 
 
+@functools.lru_cache(maxsize=64)  # that of a client's requests is always the same
 def write_related_identity(guid: bytes, number: int) -> bytes:
     """Return inline QoS with a request's identity, under the numbers of OMG and of eProsima."""
     body = guid + struct.pack("<iI", number >> 32, number & 0xFFFFFFFF)

@@ -350,7 +350,7 @@ class StatefulReader:
             return False
         if not is_new:
             return True
-        self.on_change(self)
+        ack_before = proxy.ack_at
         if proxy.heartbeat_counter is None:
             proxy.last_at_match = heartbeat.last
         proxy.heartbeat_counter = heartbeat.counter
@@ -374,6 +374,8 @@ class StatefulReader:
             if proxy.in_vain and proxy.progress == proxy.requested_at:
                 pause = min(_PAUSE_LAST, _PAUSE_FIRST * 2 ** min(proxy.in_vain, 10))
             proxy.ack_at = now + pause if pending is None else min(pending, now + pause)
+        if proxy.ack_at != ack_before:
+            self.on_change(self)
         return True
 
     def on_gap(self, writer: bytes, gap: Gap) -> None:

@@ -83,7 +83,7 @@ class RtpsRequester(Requester):
         on_ready: Called by a dispatch after replies have come.
     """
 
-    __slots__ = ("_client_id", "_identities", "_parser", "_reader", "_writer")
+    __slots__ = ("_client_id", "_identities", "_parser", "_reader", "_related", "_writer")
 
     def __init__(
         self, domain: RtpsDomain, service: Service, qos: QoSProfile, on_ready: OnReady
@@ -99,6 +99,7 @@ class RtpsRequester(Requester):
         except BaseException:
             self._reader.close()
             raise
+        self._related = self._reader.guid, _UNKNOWN  # of all requests
         # Who a reply may be for; see _Parser.parse.
         self._identities = (self._reader.guid, self._writer.guid, self._client_id + bytes(8))
 
@@ -129,14 +130,16 @@ class RtpsRequester(Requester):
         header = None
         if payload[1] & 1 or self._wants_header():
             header = request_header.insert(payload, self._client_id, sequence)
-        related = self._reader.guid, _UNKNOWN
-        if not self._writer.write_related(payload, related, None, header):
+        if not self._writer.write_related(payload, self._related, None, header):
             return None
         return sequence
 
     def _wants_header(self) -> bool:
         """Whether a matched server would read a request without the header wrongly."""
-        return any(proxy.wants_header for proxy in self._writer.local.state.readers.values())
+        for proxy in self._writer.local.state.readers.values():  # without a generator
+            if proxy.wants_header:
+                return True
+        return False
 
     def take(self, limit: int) -> list[tuple[int, bytes]]:
         """Take replies to own requests."""

@@ -68,6 +68,7 @@ def _order(mark: str) -> _Order:
     return _Order(*(struct.Struct(mark + form) for form in forms))
 
 
+_new = tuple.__new__
 _LITTLE: Final = _order("<")
 _BIG: Final = _order(">")
 
@@ -169,7 +170,8 @@ def _parse_data(body: memoryview, flags: int, order: _Order) -> Data:
         if at > len(body):
             raise MalformedError("DATA without its payload")
         payload = body[at:]
-    return Data(reader, writer, number, qos, payload, is_key, order is _LITTLE)
+    # As Data(...), which is a call of Python: for each sample.
+    return _new(Data, (reader, writer, number, qos, payload, is_key, order is _LITTLE))
 
 
 def _parse_data_frag(body: memoryview, flags: int, order: _Order) -> DataFrag:
@@ -195,9 +197,11 @@ def _parse_data_frag(body: memoryview, flags: int, order: _Order) -> DataFrag:
 
 
 def _parse_heartbeat(body: memoryview, flags: int, order: _Order) -> Heartbeat:
-    reader, writer, *words, count = order.heartbeat.unpack_from(body)
-    first, last = _sequence(*words[:2]), _sequence(*words[2:])
-    if first < 1 or last < first - 1:
+    reader, writer, first_high, first_low, last_high, last_low, count = order.heartbeat.unpack_from(
+        body
+    )
+    first, last = (first_high << 32) + first_low, (last_high << 32) + last_low
+    if first < 1 or last < first - 1 or max(first, last) > MAX_NUMBER:
         raise MalformedError(f"a heartbeat of {first} to {last}")
     return Heartbeat(
         reader, writer, first, last, count,
@@ -250,7 +254,7 @@ def _parse_info_ts(body: memoryview, flags: int, order: _Order) -> InfoTimestamp
     seconds, fraction = order.time.unpack_from(body)
     if (seconds, fraction) == (0xFFFFFFFF, 0xFFFFFFFF):  # TIME_INVALID
         return InfoTimestamp(None)
-    return InfoTimestamp(seconds * 1_000_000_000 + (fraction * 1_000_000_000 >> 32))
+    return _new(InfoTimestamp, (seconds * 1_000_000_000 + (fraction * 1_000_000_000 >> 32),))
 
 
 def _octets(body: memoryview, start: int, stop: int) -> bytes:
@@ -260,7 +264,9 @@ def _octets(body: memoryview, start: int, stop: int) -> bytes:
 
 
 def _parse_info_dst(body: memoryview, flags: int, order: _Order) -> InfoDestination:
-    return InfoDestination(_octets(body, 0, ids.PREFIX_SIZE))
+    if len(body) < ids.PREFIX_SIZE:
+        raise MalformedError("a submessage is too short")
+    return _new(InfoDestination, (bytes(body[: ids.PREFIX_SIZE]),))
 
 
 def _parse_info_src(body: memoryview, flags: int, order: _Order) -> InfoSource:

@@ -277,21 +277,20 @@ class StatefulWriter:
         Readers answer where they lack something. Where much is not acknowledged, they are asked to
         acknowledge it; else the heartbeat of the next pause asks them.
         """
-        lacking = [
-            proxy
-            for proxy in self.reliable_readers.values()
-            if proxy.acked < self.last and proxy.waits_until is None
-        ]
+        last, waits, behind = self.last, False, 0
+        lacking = []
+        for proxy in self.reliable_readers.values():  # for each burst: one loop
+            if proxy.waits_until is not None:
+                waits = True
+            elif proxy.acked < last:
+                lacking.append(proxy)
+                behind = max(behind, last - proxy.acked)
         if not lacking:
             return []
         # With the DATA lost, it still shows that the writer is alive.
         liveliness = self._is_manual
-        final = (
-            not self.transient_local
-            and self._octets < _UNASKED_OCTETS
-            and all(self.last - proxy.acked < _UNASKED for proxy in lacking)
-        )
-        if not self._has_waiting():
+        final = not self.transient_local and self._octets < _UNASKED_OCTETS and behind < _UNASKED
+        if not waits:
             return [Packet(None, self._heartbeat(None, liveliness, final), None)]
         return [
             Packet(proxy.guid, self._heartbeat(proxy, liveliness, final), None) for proxy in lacking
