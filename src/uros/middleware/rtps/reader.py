@@ -49,6 +49,7 @@ _ASK_LAST: Final = 6.4
 # turn are not rare.
 _MAX_UNANSWERED: Final = 6
 _COUNT_HALF: Final = 0x8000_0000
+_new = tuple.__new__
 
 
 class Sample(NamedTuple):
@@ -279,7 +280,9 @@ class StatefulReader:
         if octets is not None and len(octets) > 3 and octets[3] & 3:
             octets = unpadded(octets)
         expires = now + proxy.lifespan
-        self._accept(proxy, Sample(octets, writer, number, qos, is_key, expires, source_ns))
+        # As Sample(...), which is a call of Python: for each sample.
+        sample = _new(Sample, (octets, writer, number, qos, is_key, expires, source_ns))
+        self._accept(proxy, sample)
 
     def is_continued(self, writer: bytes, number: int, now: float) -> bool:
         """Return whether a sample's number is not one of a best-effort writer that began anew.

@@ -51,7 +51,6 @@ class MalformedError(ValueError):
 class _Order(NamedTuple):
     """The structs of one byte order."""
 
-    length: struct.Struct
     word: struct.Struct
     number: struct.Struct  # high, low
     numbers: struct.Struct  # two of them
@@ -64,7 +63,7 @@ class _Order(NamedTuple):
 
 
 def _order(mark: str) -> _Order:
-    forms = ("H", "I", "iI", "iIiI", "II", "HH", "HH4s4siI", "4s4siIiII", "IHHI", "II")
+    forms = ("I", "iI", "iIiI", "II", "HH", "HH4s4siI", "4s4siIiII", "IHHI", "II")
     return _Order(*(struct.Struct(mark + form) for form in forms))
 
 
@@ -98,8 +97,10 @@ def read(datagram: memoryview) -> Iterator[Submessage]:
         if end - at < 4:
             raise MalformedError("octets behind the last submessage")
         kind, flags = datagram[at], datagram[at + 1]
-        order = _LITTLE if flags & _FLAG_LITTLE else _BIG
-        length = order.length.unpack_from(datagram, at + 2)[0]
+        if flags & _FLAG_LITTLE:
+            order, length = _LITTLE, datagram[at + 2] | datagram[at + 3] << 8
+        else:
+            order, length = _BIG, datagram[at + 2] << 8 | datagram[at + 3]
         at += 4
         stop = at + length
         if not length and kind not in (ids.PAD, ids.INFO_TS):
