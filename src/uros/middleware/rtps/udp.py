@@ -322,5 +322,5 @@ def _one_interface() -> list[Interface]:
     if address is not None and not address.startswith("127."):
         found.append(Interface("default", 0, flags, address))
     loopback = addresses.UP | addresses.RUNNING | addresses.LOOPBACK
-    found.append(Interface("lo0", 0, loopback, "127.0.0.1", ("::1",)))
+    found.append(Interface("lo0", 1, loopback, "127.0.0.1", ("::1",)))
     return found

@@ -483,3 +483,8 @@ def test_without_the_network_no_changes_are_waited_for(opened, own_domain_id):
         raise AssertionError("loopback does not change")
 
     assert len(opened(own_domain_id, LOCAL, 0.0, none).filenos()) == 2
+
+
+def test_the_two_interfaces_of_a_system_that_lists_none_are_told_apart():
+    found = udp._one_interface()
+    assert len({one.index for one in found}) == len(found)
