@@ -29,12 +29,15 @@ _octets = array.array("i", [0])
 def has_input(fileno: int) -> bool:
     """Return whether a socket has something to receive, for less than a receive that finds none.
 
-    An empty datagram does not count: a poll reports it. True where the system does not tell. With
-    several threads it may be wrong, as if it had been asked a moment earlier or later.
+    An empty datagram does not count: a poll reports it. True where the system does not tell. If
+    several threads ask at once, one may get the answer for another's socket.
     """
     if not _FIONREAD:
         return True
-    fcntl.ioctl(fileno, _FIONREAD, _octets)
+    try:
+        fcntl.ioctl(fileno, _FIONREAD, _octets)
+    except (OSError, ValueError):  # it was closed: the receive says so
+        return True
     return _octets[0] > 0
 
 
@@ -64,7 +67,10 @@ class Poller(Protocol):
         """
 
     def rearm(self) -> None:
-        """Have :meth:`fileno` tell anew: for whoever has handled all without a :meth:`poll`."""
+        """Clear the descriptor of :meth:`fileno`, and wait again.
+
+        Call it after handling events without :meth:`poll`.
+        """
 
     def close(self) -> None:
         """Forget all descriptors."""
@@ -73,8 +79,8 @@ class Poller(Protocol):
 class SelectThread:
     """A descriptor that is readable while others are ready, where the system makes none of them.
 
-    A thread waits by ``select``. Once something is ready it waits for :meth:`rearm`, and not for
-    what its owner is about to receive.
+    A thread waits by ``select``. Once something is ready it does not select again until
+    :meth:`rearm`, so that it does not report the same event twice.
 
     Attributes:
         watched: The descriptors to be read and to be written; :meth:`changed` has it use them.
@@ -82,8 +88,9 @@ class SelectThread:
 
     def __init__(self) -> None:
         self.watched: tuple[list[int], list[int]] = [], []
-        self._told, self._tell = _pair()  # readable: the thread is to look at `watched` again
-        self._ours, self._wake = _pair()  # readable: something is ready
+        # Readable when the thread is to look at `watched` again.
+        self._change_received, self._change_sent = _pair()
+        self._ready_received, self._ready_sent = _pair()  # readable: something is ready
         self._waits = threading.Event()
         self._closed = False
         self._thread = threading.Thread(target=self._run, name="uros select", daemon=True)
@@ -91,43 +98,47 @@ class SelectThread:
 
     def fileno(self) -> int:
         """Return the descriptor."""
-        return self._ours.fileno()
+        return self._ready_received.fileno()
 
     def changed(self) -> None:
         """Wait for other descriptors."""
-        _set(self._tell)
+        _set(self._change_sent)
         self._waits.set()
 
     def rearm(self) -> None:
         """Make the descriptor unreadable until something is ready."""
-        _clear(self._ours)
+        _clear(self._ready_received)
         self._waits.set()
 
     def _run(self) -> None:
-        told = self._told.fileno()
+        change = self._change_received.fileno()
         while True:
             self._waits.wait()
             self._waits.clear()
             while not self._closed:
                 reading, writing = self.watched
                 try:
-                    found, _, _ = select.select([told, *reading], writing, [])
+                    found, _, _ = select.select([change, *reading], writing, [])
                 except (OSError, ValueError):  # one was closed: the next poll says so
                     break
-                if told not in found:
+                if change not in found:
                     break
-                _clear(self._told)
+                _clear(self._change_received)
             if self._closed:
                 return
-            _set(self._wake)
+            _set(self._ready_sent)
 
     def close(self) -> None:
         """End the thread."""
         self._closed = True
         self.changed()
         self._thread.join()
-        for end in (self._told, self._tell, self._ours, self._wake):
-            end.close()
+        for ends in (
+            (self._change_received, self._change_sent),
+            (self._ready_received, self._ready_sent),
+        ):
+            for end in ends:
+                end.close()
 
 
 def _pair() -> tuple[socket.socket, socket.socket]:

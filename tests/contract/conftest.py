@@ -12,7 +12,7 @@ def deadlines_are_those_of_a_search(monkeypatch):
 
     def next_deadline(domain):
         at = remembered(domain)
-        assert at == domain.find_deadline()
+        assert at == domain._find_deadline()
         return at
 
     monkeypatch.setattr(RtpsDomain, "next_deadline", next_deadline)

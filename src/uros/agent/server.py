@@ -274,8 +274,10 @@ class Server:
             self._due(now)
         for engine in self._engines:
             try:
-                engine.flush()
-                engine.dispatch_local()
+                try:
+                    engine.flush()
+                finally:
+                    engine.dispatch_local()
             except Exception as error:  # likewise
                 self.agent.failed(error)
         if agent.attended:

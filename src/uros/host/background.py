@@ -12,16 +12,29 @@ _PERIOD: Final = 0.05
 
 
 class BackgroundTurns:
-    """A thread that calls ``turn`` all the time, until :meth:`stop`."""
+    """A thread that calls ``turn`` every 50 ms, until :meth:`stop`.
 
-    def __init__(self, turn: Callable[[], None]) -> None:
+    Args:
+        turn: What to call. It is called again after an error.
+        failed: Called with the first error of several in a row.
+    """
+
+    def __init__(self, turn: Callable[[], None], failed: Callable[[Exception], None]) -> None:
         self._turn = turn
+        self._failed = failed
         self._stopped = threading.Event()
         threading.Thread(target=self._run, name="uros background turns", daemon=True).start()
 
     def _run(self) -> None:
+        has_failed = False
         while not self._stopped.wait(_PERIOD):
-            self._turn()
+            try:
+                self._turn()
+                has_failed = False
+            except Exception as error:  # the node must stay in sight of others
+                if not has_failed:
+                    has_failed = True
+                    self._failed(error)
 
     def stop(self) -> None:
         """Have the thread end, which may be in a turn now. Idempotent."""

@@ -8,10 +8,12 @@ connected. It creates the endpoint of an entity when the entity is added, so the
 from __future__ import annotations
 
 import atexit
+import os
 import sys
 import threading
 import time
 import traceback
+import weakref
 from collections.abc import Callable
 from typing import Any, Final, Protocol
 
@@ -253,7 +255,10 @@ def _check_type(entity: Entity) -> None:
 
 def _print_notice(text: str) -> None:
     """Print a line about the network, which may hold text of others."""
-    print(printable(f"uros: {text}"), file=sys.stderr)
+    try:
+        print(printable(f"uros: {text}"), file=sys.stderr)
+    except (OSError, ValueError):
+        pass  # nobody reads it, or it is closed
 
 
 class Direct(NodeConnection):
@@ -262,7 +267,10 @@ class Direct(NodeConnection):
     Use it from one thread. It is closed with its last node, or when the program ends.
 
     A program that creates a node and then sleeps is discovered and stays so: while nothing pumps, a
-    thread of :class:`BackgroundTurns` takes turns, for middlewares that have no thread for that.
+    thread of :class:`BackgroundTurns` takes turns: RTPS has no thread, and with Cyclone the nodes
+    and endpoints of a participant are announced by turns (``ros_discovery_info``).
+
+    A process that is forked has no connection: that of its parent goes on.
     """
 
     connections = 1
@@ -290,7 +298,13 @@ class Direct(NodeConnection):
         middleware.on_type_conflict = self._type_conflict
         middleware.on_notice = _print_notice
         atexit.register(self.close)
-        self._background = BackgroundTurns(self._take_turn) if middleware.needs_turns else None
+        self._background: BackgroundTurns | None = None
+        if middleware.needs_turns:
+            self._background = BackgroundTurns(
+                self._take_turn,
+                lambda error: _print_notice(f"the network failed, which is tried again: {error}"),
+            )
+        _open.add(self)
 
     # --- interface of nodes and entities -------------------------------------------------------
 
@@ -431,6 +445,13 @@ class Direct(NodeConnection):
                 self.middleware.dispatch()
                 self.middleware.tick()
 
+    def leave_to_parent(self) -> None:
+        """Forget the connection in a forked process, without leaving the network."""
+        self._lock = threading.RLock()  # a thread of the parent may hold the other one
+        self.state = AGENT_DISCONNECTED
+        self.reason = "the process was forked: create nodes after the fork"
+        atexit.unregister(self.close)
+
     def _type_conflict(self, topic: str, own_type: str, type_name: str) -> None:
         conflict = topic, own_type, type_name
         if conflict not in self._conflicts:
@@ -454,3 +475,15 @@ class Direct(NodeConnection):
             self._waiting.clear()
             self._nodes.clear()
             self.middleware.close()
+
+
+_open: weakref.WeakSet[Direct] = weakref.WeakSet()
+
+
+def _leave_to_parent() -> None:
+    for connection in list(_open):
+        connection.leave_to_parent()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_leave_to_parent)

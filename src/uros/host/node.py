@@ -91,6 +91,10 @@ class Node(node.Node):
         except KeyboardInterrupt:
             pass
 
+    def _serve(self) -> None:
+        if not self._destroyed:  # by the callback that has just run
+            super()._serve()
+
     def _interruptible(self) -> AbstractContextManager[None]:
         if isinstance(self.connection, Direct):
             return self.connection.interrupt.watched()

@@ -239,15 +239,14 @@ class Middleware(ABC):
     Attributes:
         name: What ``open_middleware`` calls it.
         any_name: Whether any text may name a topic or a node, as no ROS node sees them.
-        needs_turns: Whether peers lose sight of it if :meth:`dispatch` and :meth:`tick` are not
+        needs_turns: Whether nodes are discovered only while :meth:`dispatch` and :meth:`tick` are
             called several times a second.
         on_type_conflict: Called when a topic has another type elsewhere. Set before the first node.
         on_notice: Called with each notice for the user, once. Set before the first node.
         batching: Whether the caller calls :meth:`flush` and :meth:`dispatch_local` after each
             burst, so that samples may be held back until then. Set before the first node.
-        engines: What it consists of: itself, or those that it combines, which may become more. The
-            agent calls :meth:`flush`, :meth:`dispatch_local` and :meth:`next_deadline` of each, for
-            each message.
+        engines: The middlewares that it combines, or itself alone; the list may grow. The agent
+            calls :meth:`flush`, :meth:`dispatch_local` and :meth:`next_deadline` of each.
     """
 
     name = ""

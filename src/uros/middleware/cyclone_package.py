@@ -36,11 +36,11 @@ def has_wheel() -> bool:
         platform.python_implementation() == "CPython"
         and sys.version_info[:2] <= _LAST_PYTHON
         and (sys.platform, platform.machine()) in _WITH_WHEELS
-        and not is_other_linux()
+        and not is_linux_without_glibc()
     )
 
 
-def is_other_linux() -> bool:
+def is_linux_without_glibc() -> bool:
     """Return whether this is a Linux without glibc, such as Alpine, whose C library is musl."""
     return sys.platform == "linux" and platform.libc_ver()[0] != "glibc"
 
@@ -51,5 +51,5 @@ def remedy() -> str:
     if has_wheel():
         return f"python -m pip install 'cyclonedds~=11.0.1', or {without}"
     version = ".".join(map(str, sys.version_info[:2]))
-    machine = platform.machine() + (" without glibc" if is_other_linux() else "")
+    machine = platform.machine() + (" without glibc" if is_linux_without_glibc() else "")
     return f"PyPI has no wheel of it for Python {version} on {sys.platform} {machine}: {without}"

@@ -89,12 +89,17 @@ def living_nodes(source: Source) -> list[NodeSource]:
 
 
 def without_discovery_info(source: Source) -> set[bytes]:
-    """Return the ROS participants (they have an enclave) whose nodes are not known yet."""
+    """Return the ROS participants (they have an enclave) whose nodes are not known yet.
+
+    Those that say that they announce none are left out.
+    """
     announced = source.announced
     return {
         guid
         for guid, data in source.participants.items()
-        if user_data.ENCLAVE in data and guid not in announced
+        if user_data.ENCLAVE in data
+        and user_data.WITHOUT_NODES not in data
+        and guid not in announced
     }
 
 

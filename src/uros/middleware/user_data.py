@@ -10,6 +10,9 @@ ENCLAVE: Final = b"enclave="
 # discovery info follows that of others and is no evidence of its own.
 UROS: Final = b"uros=1;"
 PARTICIPANT: Final = b"enclave=/;" + UROS
+# Further for those that announce no nodes, as another participant lists their endpoints; tools need
+# not wait for their discovery info.
+WITHOUT_NODES: Final = b"uros_nodes=0;"
 # Temporary readers without a node; see uros.middleware.dds.late_writer_heartbeat.
 PROBE_READER: Final = b"uros_offer=1;"
 

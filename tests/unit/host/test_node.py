@@ -23,6 +23,7 @@ from uros.middleware import open_middleware
 from uros.middleware.base import MiddlewareError, Service
 from uros.middleware.memory import Bus, MemoryMiddleware, MemoryWriter
 from uros.qos import HistoryPolicy, QoSProfile, services_profile
+from uros.ticks import ticks_add
 from uros.transport.udp import UdpTransport
 
 Int32 = load("std_msgs/msg/Int32")
@@ -404,6 +405,71 @@ def test_background_turns_end_with_the_last_node():
     node.destroy_node()
     thread.join(20)
     assert not thread.is_alive()
+
+
+def test_background_turns_go_on_after_errors_which_are_told_once(monkeypatch, capsys):
+    middleware, failures = Turns(), []
+
+    def fail():
+        failures.append(1)
+        raise OSError("no descriptor is free")
+
+    node = Node("node", Direct(middleware))
+    with monkeypatch.context() as patched:
+        patched.setattr(middleware, "tick", fail)
+        while len(failures) < 3:
+            assert middleware.in_background.acquire(timeout=20)
+    while middleware.in_background.acquire(blocking=False):
+        pass
+    assert middleware.in_background.acquire(timeout=20)
+    assert capsys.readouterr().err.count("no descriptor is free") == 1
+    node.destroy_node()
+
+
+def test_a_callback_may_destroy_the_node_and_take_long_for_it():
+    node = Node("node", Direct(MemoryMiddleware()))
+
+    def end():
+        node.destroy_node()
+        node._pumped = ticks_add(node.clock.ms(), -1000)
+
+    node.create_timer(0.001, end)
+    node.spin()
+    assert node.connection.state == AGENT_DISCONNECTED
+
+
+FORKS = """
+import os, sys, threading
+from uros.host.direct import Direct
+from uros.host.node import Node
+from uros.client import AGENT_CONNECTED, AGENT_DISCONNECTED
+from uros.middleware import open_middleware
+
+node = Node("node", Direct(open_middleware(sys.argv[1]), int(sys.argv[2])))
+connection = node.connection
+locked, done = threading.Event(), threading.Event()
+
+def turn():  # as the background thread may be in one
+    with connection._lock:
+        locked.set()
+        done.wait()
+
+threading.Thread(target=turn, daemon=True).start()
+locked.wait()
+child = os.fork()
+if child == 0:
+    connection.close()
+    sys.exit(0 if connection.state == AGENT_DISCONNECTED else 3)
+done.set()
+_, status = os.waitpid(child, 0)
+sys.exit(os.waitstatus_to_exitcode(status) or connection.state != AGENT_CONNECTED)
+"""
+
+
+@pytest.mark.parametrize("kind", ["memory", "rtps"])
+def test_a_forked_process_leaves_the_connection_to_its_parent(own_domain_id, kind):
+    command = [sys.executable, "-c", FORKS, kind, str(own_domain_id)]
+    assert subprocess.run(command, check=False, timeout=60).returncode == 0
 
 
 def test_a_depth_of_zero_is_one(own_domain_id):

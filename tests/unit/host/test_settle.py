@@ -1,8 +1,13 @@
 """Network.settle: the graph is complete after the changes of a second participant."""
 
+from contextlib import contextmanager
+
 import pytest
 
+from uros.host.direct import Direct
 from uros.host.network import Network
+from uros.middleware import open_middleware
+from uros.middleware.base import Service
 from uros.middleware.dds import cyclone
 from uros.middleware.discovery_info import codec
 from uros.middleware.graph import (
@@ -27,6 +32,21 @@ def other(network):
     cyclone.delete(entity)
 
 
+TRIGGER = "std_srvs::srv::dds_::Trigger_"
+
+
+@contextmanager
+def auto_server(domain, service):
+    """A server on the middleware auto, which runs in a thread."""
+    connection = Direct(open_middleware("auto"), domain)  # takes its turns in the background
+    node = connection.middleware.create_node(domain, "/", "server")
+    replier = node.create_replier(service, QoSProfile(), lambda: None)
+    yield
+    replier.close()
+    node.close()
+    connection.close()
+
+
 def info_writer(entity):
     topic = cyclone.create_topic(entity, codec.TOPIC, codec.TYPE)
     return cyclone.create_writer(cyclone.create_group("publisher", entity), topic, codec.qos(), b"")
@@ -46,6 +66,15 @@ def test_a_ros_participant_without_discovery_info_is_waited_for(network, other):
     network.settle()
     assert not without_discovery_info(network._discovery)
     assert "/other" in network.graph.nodes()
+
+
+def test_the_participant_that_auto_has_for_services_is_not_waited_for(network):
+    """It announces no nodes: the one of Cyclone lists its endpoints."""
+    names = "rq/goRequest", f"{TRIGGER}Request_", "rr/goReply", f"{TRIGGER}Response_"
+    with auto_server(network.domain, Service(*names)):
+        assert network.spin(lambda: len(network._discovery.participants) >= 3, 20)
+        assert network.spin(lambda: "/server" in network.graph.nodes(), 20)
+        assert not without_discovery_info(network._discovery)
 
 
 def test_a_new_reader_gets_earlier_discovery_info(network, other):

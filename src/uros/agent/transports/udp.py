@@ -64,7 +64,7 @@ class UdpServer(ServerTransport):
                 else:
                     host.unmatched(self, peer, buf, view, length)
                 budget -= length
-                if budget <= 0 or (not count and not has_input(fileno)):
+                if budget <= 0 or (not count and length and not has_input(fileno)):
                     count += 1
                     return
             count = MAX_BURST

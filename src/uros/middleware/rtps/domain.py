@@ -104,6 +104,9 @@ class RtpsDomain:
         self._is_behind = False  # whether discovery is to be handled before samples
         self._has_waited = False  # whether samples were left out since they were received
         self._conflicts = TypeConflicts(self._on_type_conflict)
+        self._user_data = user_data.PARTICIPANT
+        if not announces_nodes:
+            self._user_data += user_data.WITHOUT_NODES
         now = time.monotonic()
         settings = network.read_settings(environment, number)
         self._sockets = DomainSockets(number, settings, now)
@@ -112,7 +115,7 @@ class RtpsDomain:
         self.participant = Participant(
             ids.VENDOR + os.urandom(ids.PREFIX_SIZE - len(ids.VENDOR)), number,
             self._sockets.unicast, self._sockets.multicast, self._sockets.peers,
-            user_data.PARTICIPANT, now, settings.message_size, self._sockets.data,
+            self._user_data, now, settings.message_size, self._sockets.data,
         )  # fmt: skip
         self._touched = self.participant.schedule.touched
         self.participant.on_participant = self._on_participant
@@ -218,7 +221,7 @@ class RtpsDomain:
         found = {
             remote.data.guid: remote.data.user_data for remote in self.participant.remotes.values()
         }
-        found[self.participant.guid] = user_data.PARTICIPANT
+        found[self.participant.guid] = self._user_data
         return found
 
     def endpoints(self) -> dict[bytes, EndpointData]:
@@ -299,12 +302,11 @@ class RtpsDomain:
     def next_deadline(self) -> float | None:
         """Return when :meth:`tick` has work."""
         if self._touched or not self._is_deadline_known:
-            self._deadline = self.find_deadline()
+            self._deadline = self._find_deadline()
             self._is_deadline_known = True
         return self._deadline
 
-    def find_deadline(self) -> float | None:
-        """Return the same, without what is remembered."""
+    def _find_deadline(self) -> float | None:
         deadline = self.participant.next_deadline()
         of_info = None if self.info is None else self.info.next_deadline()
         for at in (self._backlog_at, self._sockets.scan_at, of_info):

@@ -64,7 +64,7 @@ class LocalWriter:
         """Write a sample that the history does not keep.
 
         Returns:
-            False where :meth:`write` has to: nothing was written.
+            False if the history must keep it: nothing was written, call :meth:`write`.
         """
         octets = self.state.write_once(payload, time_ns)
         if octets:

@@ -68,8 +68,8 @@ MAX_HELD: Final = 64 * 1024 * 1024
 # Seconds without a poll after which this process was stopped. Announcements of others are still
 # unread then: their leases are extended for as long as it takes to read them.
 _STOPPED: Final = 5.0
-# Seconds that participants may take to find each other. What is written by then to readers that
-# exist is not from before them.
+# Seconds that participants may take to find each other. Samples written up to this long before a
+# participant was heard are sent to its volatile readers too.
 _DISCOVERY: Final = 1.0
 _GRACE: Final = 1.0
 

@@ -344,11 +344,10 @@ class StatefulReader:
         if proxy is None or not proxy.reliable:
             return True
         is_new = is_newer(heartbeat.counter, proxy.heartbeat_counter)
-        if is_new and heartbeat.last >= (proxy.expected or 0) - 1:
+        if is_new:  # whatever its last number: Fast DDS's falls when it drops the last samples
             proxy.behind_since = None
         elif proxy.behind_since is None:
-            if not is_new:  # Fast DDS's last number falls when it drops the last of its history
-                proxy.behind_since = now
+            proxy.behind_since = now
         elif now - proxy.behind_since >= _RESTART_AFTER:
             return False
         if not is_new:

@@ -126,7 +126,7 @@ def test_the_deadline_that_is_remembered_is_the_one_that_a_search_finds(
         domain.tick()
     domain.participant._announcer.due = 1e12
     domain._is_deadline_known = False
-    assert domain.next_deadline() == domain.find_deadline()
+    assert domain.next_deadline() == domain._find_deadline()
     if event == "nodes":
         domain.info.changed()
     elif event == "interfaces":
@@ -142,7 +142,7 @@ def test_the_deadline_that_is_remembered_is_the_one_that_a_search_finds(
         monkeypatch.setattr(domain_module.time, "monotonic", lambda: 1e9)
         domain.tick()
     assert not domain._touched
-    assert domain.next_deadline() == domain.find_deadline()
+    assert domain.next_deadline() == domain._find_deadline()
     monkeypatch.undo()
     domain._backlog.clear()
 

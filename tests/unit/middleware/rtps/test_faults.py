@@ -397,7 +397,8 @@ def test_a_request_that_is_not_answered_is_repeated_without_a_heartbeat():
     assert one.remotes
 
 
-def test_a_last_number_that_falls_is_no_restart():
+@pytest.mark.parametrize("times", [1, 2])
+def test_a_last_number_that_falls_is_no_restart(times):
     """Fast DDS forgets the announcement and the farewell of an endpoint, if they are the last."""
     network = RoughNetwork(1)
     one = network.add(1)
@@ -408,7 +409,8 @@ def test_a_last_number_that_falls_is_no_restart():
         heartbeat = submessages.encode_heartbeat(
             bytes(4), ids.PUBLICATIONS_WRITER, 1, last, counter
         )
-        stranger.send(submessages.encode_info_dst(prefix(1)), heartbeat)
+        for _ in range(times):  # to each of our addresses
+            stranger.send(submessages.encode_info_dst(prefix(1)), heartbeat)
         stranger.send(
             submessages.encode_gap(bytes(4), ids.PUBLICATIONS_WRITER, 1, last + 1, []),
         )
