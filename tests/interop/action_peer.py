@@ -28,18 +28,24 @@ class ActionPeer(Peer):
     # --- as a client ----------------------------------------------------------------
 
     def client(self, name, seconds):
-        """Return an action client that has received a response from each of the three services.
+        """Return an action client that has received feedback, and a response of each service.
 
         A client that has discovered the services may itself not be discovered by them yet; their
-        responses are lost until then.
+        responses and the feedback are lost until then.
         """
         if name in self.clients:
             return self.clients[name]
         client = ActionClient(self.node, Fibonacci, name)
         assert self.wait(seconds, client.server_is_ready), f"{name} is not available"
-        goal = self.ask(seconds, lambda: client.send_goal_async(Fibonacci.Goal(order=1)))
-        assert goal is not None and goal.accepted
-        assert self.ask(seconds, goal.get_result_async) is not None
+        heard = []
+        deadline = time.monotonic() + seconds
+        while not heard:
+            assert time.monotonic() < deadline, f"{name} gives no feedback"
+            goal = self.ask(
+                seconds, lambda: client.send_goal_async(Fibonacci.Goal(order=4), heard.append)
+            )
+            assert goal is not None and goal.accepted
+            assert self.ask(seconds, goal.get_result_async) is not None
         assert self.ask(seconds, goal.cancel_goal_async) is not None
         self.clients[name] = client
         return client
@@ -65,23 +71,28 @@ class ActionPeer(Peer):
         client = self.client(name, seconds)
         for key, (order, cancel_at) in goals.items():
             self.goals[key] = self.send(client, order, cancel_at)
-        self.wait(seconds, lambda: all("end" in self.goals[key] for key in goals))
+        self.wait(seconds, lambda: all(map(self.has_ended, goals)))
         return {"goals": {key: self.shown(key) for key in goals}}
 
-    def shown(self, key):
+    def has_ended(self, key):
+        """Whether a goal has its result, and the response to its cancel request if there is one."""
         state = self.goals[key]
-        return {name: value for name, value in state.items() if name not in ("handle", "id")}
+        return "end" in state and ("cancel" in state or not state["cancels"])
+
+    def shown(self, key):
+        hidden = "handle", "id", "cancels"
+        return {name: value for name, value in self.goals[key].items() if name not in hidden}
 
     def send(self, client, order, cancel_at):
-        state = {"feedback": []}
-        cancels = []
+        state = {"feedback": [], "cancels": []}
 
         def feedback(message):
             sequence = list(message.feedback.sequence)
             state["feedback"].append(sequence)
             # At or after cancel_at: the first feedback may come before the goal response.
-            if 0 < cancel_at <= len(sequence) and "handle" in state and not cancels:
-                cancels.append(True)
+            is_asked = bool(state["cancels"])
+            if 0 < cancel_at <= len(sequence) and "handle" in state and not is_asked:
+                state["cancels"].append(True)
                 state["handle"].cancel_goal_async().add_done_callback(canceled)
 
         def canceled(future):
@@ -114,7 +125,7 @@ class ActionPeer(Peer):
 
     def do_end(self, goals, seconds=15):
         """Wait for the results of goals that do_begin sent."""
-        self.wait(seconds, lambda: all("end" in self.goals[key] for key in goals))
+        self.wait(seconds, lambda: all(map(self.has_ended, goals)))
         return {"goals": {key: self.shown(key) for key in goals}}
 
     def do_result(self, key, status, seconds=15):
