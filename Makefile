@@ -10,15 +10,18 @@
 #   make fuzz [TARGET=...] [SECONDS=600]   any bytes against one part, or all
 #   make soak [SECONDS=3600] a hundred boards that come and go
 #   make lint                ruff, and mypy for hosts and for boards
+#   make docs                the documentation site, in build/site
 #   make bench [ARGS=...]    the agent beside the bare relay
 #   make bench-board         what a board pays, as one JSON object
+#   make deb                 a Debian package of uros, in dist
+#   make release             the files of a release, in dist
 #   make clean               removes everything that the others have made
 #
 # PYTHON=/path/to/python chooses the interpreter that .venv is made with.
 
 PYTHON ?= python3
 
-.PHONY: demo board quick test test-full test-arm64 coverage fuzz soak lint bench bench-board clean
+.PHONY: demo board quick test test-full test-arm64 coverage fuzz soak lint docs bench bench-board deb release clean
 
 demo:
 	@$(PYTHON) scripts/env.py run
@@ -69,13 +72,27 @@ lint:
 	.venv/bin/python scripts/lint_boards.py
 	@.venv/bin/python scripts/long_files.py
 
+docs:
+	@$(PYTHON) scripts/env.py docs
+	@NO_MKDOCS_2_WARNING=1 .venv/bin/mkdocs build --strict
+	@echo "to see it: python3 -m http.server --directory build/site --bind 127.0.0.1"
+
 bench:
 	@$(PYTHON) scripts/env.py test
 	@.venv/bin/python bench/run.py $(ARGS)
 
 bench-board:
 	@$(PYTHON) scripts/env.py test >&2
+	@$(PYTHON) scripts/env.py micropython >&2
 	@.venv/bin/python bench/board.py
+
+deb:
+	@$(PYTHON) scripts/env.py run
+	@.venv/bin/python scripts/deb.py $(ARGS)
+
+release:
+	@$(PYTHON) scripts/env.py release
+	@.venv/bin/python scripts/release.py $(ARGS)
 
 clean:
 	rm -rf .venv .venv-ros build dist .hypothesis .mypy_cache .pytest_cache .ruff_cache

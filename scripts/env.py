@@ -1,8 +1,9 @@
 """Creates the environments of `make`, and updates them.
 
-    env.py run | test | dev | fuzz
+    env.py run | test | dev | docs | fuzz | release
                                .venv with uros, and with the requirements of its tests, with the
-                               linters, with the fuzzing engine
+                               linters, with the generator of the documentation site, with the
+                               fuzzing engine, with the makers of packages and of the SBOM
     env.py micropython         build/micropython: MicroPython as WebAssembly, and Node to run it
     env.py ros                 .venv-ros: real ROS 2 for tests/interop, and Debian's ddsperf
 
@@ -24,6 +25,7 @@ ROOT = Path(__file__).resolve().parent.parent
 OLDEST = (3, 10)
 NEWEST = (3, 14)  # the newest that the tests ran on
 NODE_OLDEST = 18
+DOCS_OLDEST = (3, 11, 5)  # of mkdocs-material's requirements
 
 VENV = ROOT / ".venv"
 ROS_VENV = ROOT / ".venv-ros"
@@ -196,7 +198,7 @@ class Stamp:
 
 
 def uros(extra: str) -> None:
-    """Create .venv with uros installed in place; extra is 'run', 'test', 'dev' or 'fuzz'."""
+    """Create .venv with uros installed in place; extra is one of pyproject.toml, or run."""
     stamp = Stamp(VENV)
     python = VENV / "bin" / "python"
     base = {"root": str(ROOT), "python": version_of(sys.executable)}
@@ -208,18 +210,29 @@ def uros(extra: str) -> None:
     if fresh and stamped.get("pins") == pins and extra in extras:
         return
 
-    size = {"run": "70 MB", "test": "170 MB", "dev": "260 MB", "fuzz": "130 MB"}[extra]
+    sizes = {"run": 70, "test": 180, "dev": 270, "docs": 240, "fuzz": 130, "release": 130}  # MB
+    size = f"{sizes[extra]} MB"
     say(f"installing uros ({extra}) into .venv: {size}, usually under a minute")
     if not fresh:
         stamp.start(base)
         create_venv(Path(sys.executable), VENV)
     extras.add(extra)
-    # Each environment has the bytecode compiler for programs of boards: it is small.
-    requested = ",".join(sorted(extras - {"run"} | {"board"}))
+    # Each environment has the bytecode compiler for programs of boards, and Cyclone for topics.
+    requested = ",".join(sorted(extras - {"run"} | {"board", "dds"}))
     # The build tools are installed first, not in isolation by pip, so that they are pinned too.
     pip(python, "-c", "constraints.txt", "hatchling", "editables")
     pip(python, "-c", "constraints.txt", "--no-build-isolation", "-e", f".[{requested}]")
     stamp.write(dict(base, pins=pins, extras=sorted(extras)))
+
+
+def docs() -> None:
+    """Create .venv with the generator of the documentation site. Raises Unavailable."""
+    if sys.version_info < DOCS_OLDEST:
+        raise Unavailable(
+            "the documentation site is built by Python 3.11.5 or newer",
+            "name one: make PYTHON=/path/to/python docs",
+        )
+    uros("docs")
 
 
 def tshark() -> None:
@@ -320,8 +333,8 @@ def use_supported_python() -> None:
 
 
 def main(arguments: list) -> None:
-    kinds = {"micropython": micropython, "ros": ros}
-    for extra in ("run", "test", "dev", "fuzz"):
+    kinds = {"micropython": micropython, "ros": ros, "docs": docs}
+    for extra in ("run", "test", "dev", "fuzz", "release"):
         kinds[extra] = lambda extra=extra: uros(extra)
     kinds["test"] = lambda: (uros("test"), tshark())
     kinds["ros"] = lambda: (ros(), ddsperf())
@@ -332,6 +345,8 @@ def main(arguments: list) -> None:
         kinds[arguments[0]]()
     except Unavailable as error:
         sys.exit(f"env: {error.reason}\nenv: {error.remedy}")
+    except KeyboardInterrupt:
+        sys.exit(130)  # the next run continues
 
 
 if __name__ == "__main__":

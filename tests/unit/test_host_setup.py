@@ -1,14 +1,17 @@
 """Files, extras and commands in docs/host-setup.md and deploy/ exist and are accepted."""
 
 import argparse
+import json
 import re
 import shlex
+import subprocess
 from pathlib import Path
 
 import pytest
 
 from uros.middleware.base import MAX_DOMAIN
 from uros.tools.agent import command as agent
+from uros.tools.agent.options.transports import TRANSPORTS
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "host-setup.md").read_text("utf-8")
@@ -36,7 +39,7 @@ def accepted(words):
 def copied():
     """Return the names that the Containerfile copies into the image."""
     copies = []
-    for names in re.findall(r"^COPY (.+)$", CONTAINERFILE, re.M):
+    for names in re.findall(r"^COPY (?!--from)(.+)$", CONTAINERFILE, re.M):
         copies += names.split()[:-1]
     return copies
 
@@ -47,7 +50,8 @@ def test_the_container_gets_what_the_package_is_built_from():
     (readme,) = re.findall(r'^readme = "(.+)"', PROJECT, re.M)
     (licence,) = re.findall(r'^license-files = \["(.+)"\]', PROJECT, re.M)
     (forced,) = re.findall(r'force-include\]\n"(\w+)" = ', PROJECT)
-    assert {"pyproject.toml", "src", readme, licence, forced} == set(names)
+    entry = "deploy/entrypoint.sh"
+    assert {"pyproject.toml", "src", readme, licence, forced, entry} == set(names)
 
 
 @pytest.mark.parametrize("name", ["Containerfile.containerignore", "Containerfile.dockerignore"])
@@ -60,17 +64,56 @@ def test_the_container_s_extras_and_python_are_the_project_s():
     (extras,) = re.findall(r"'\.\[(.+?)\]'", CONTAINERFILE)
     for extra in extras.split(","):
         assert re.search(rf"^{extra} = \[", PROJECT, re.M), extra
-    (version,) = re.findall(r"^FROM \S+/python:3\.(\d+)-slim$", CONTAINERFILE, re.M)
+    (version,) = re.findall(r"^ARG BASE=\S+/python:3\.(\d+)-slim$", CONTAINERFILE, re.M)
     (oldest,) = re.findall(r'^requires-python = ">=3\.(\d+)"', PROJECT, re.M)
     (newest,) = re.findall(r"cyclonedds~=.*python_version < '3\.(\d+)'", PROJECT)
     assert int(oldest) <= int(version) < int(newest)
 
 
-def test_the_command_of_the_container_is_accepted():
-    (entry,) = re.findall(r"^ENTRYPOINT (.+)$", CONTAINERFILE, re.M)
-    (command,) = re.findall(r"^CMD (.+)$", CONTAINERFILE, re.M)
-    words = [*re.findall(r'"(.*?)"', entry), *re.findall(r'"(.*?)"', command)]
-    assert words[:2] == ["uros", "agent"] and accepted(words[2:])
+@pytest.fixture
+def container(tmp_path):
+    """Return a function that gives the command which the container's entry point starts."""
+    stub = tmp_path / "uros"
+    stub.write_text('#!/bin/sh\necho "$@"\n')
+    stub.chmod(0o755)
+
+    def command(*words):
+        environment = {"PATH": f"{tmp_path}:/usr/bin:/bin"}
+        return subprocess.run(
+            [ROOT / "deploy" / "entrypoint.sh", *words],
+            env=environment, capture_output=True, text=True, check=True,
+        ).stdout.split()  # fmt: skip
+
+    return command
+
+
+def test_the_command_of_the_container_is_accepted(container):
+    assert 'ENTRYPOINT ["uros-entrypoint"]' in CONTAINERFILE
+    (default,) = re.findall(r"^CMD (.+)$", CONTAINERFILE, re.M)
+    words = container(*re.findall(r'"(.*?)"', default))
+    assert words[0] == "agent" and accepted(words[1:])
+
+
+@pytest.mark.parametrize("transport", TRANSPORTS)
+def test_the_container_takes_the_arguments_of_the_image_of_micro_ros(container, transport):
+    assert container(transport, "--port", "8888", "-v6") == [
+        "agent", transport, "--port", "8888", "-v6"
+    ]  # fmt: skip
+
+
+def test_the_container_takes_the_other_commands(container):
+    assert container("topic", "list", "-t") == ["topic", "list", "-t"]
+    assert container("--version") == ["--version"]
+    assert container("agent", "status") == ["agent", "status"]
+    assert container("-h") == ["agent", "-h"]
+    assert container() == []
+
+
+def test_the_health_check_of_the_container_is_a_command_for_a_user_who_is_not_root():
+    (check,) = re.findall(r"^HEALTHCHECK .*CMD (\[.+\])$", CONTAINERFILE, re.M)
+    assert json.loads(check) == ["uros", "agent", "status"]
+    (user,) = re.findall(r"^USER (.+)$", CONTAINERFILE, re.M)
+    assert user == "uros" and f"--uid 1000 {user}" in CONTAINERFILE
 
 
 def test_the_command_of_compose_is_accepted():

@@ -26,7 +26,7 @@ Version = namedtuple("Version", "major minor micro releaselevel serial")
 def requirement():
     """What pyproject.toml says of cyclonedds."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
-    (line,) = [line for line in project["dependencies"] if line.startswith("cyclonedds")]
+    (line,) = project["optional-dependencies"]["dds"]
     return Requirement(line)
 
 
