@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from random import Random
 
 from uros import names
-from uros.agent.policy.rules import GLOBAL, MAX_FILE, ConfigError, NameRefused, Rules
+from uros.agent.policy.rules import GLOBAL, ConfigError, NameRefused, Rules
+from uros.agent.policy.toml_file import MAX_FILE
 from uros.middleware.base import MAX_DOMAIN, Service
 from uros.qos import QoSProfile
 

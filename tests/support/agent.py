@@ -27,7 +27,7 @@ class RunningAgent:
     ``transport`` is one of TRANSPORTS, or a transport of the test's own, which provides the lines.
     """
 
-    def __init__(self, transport, middleware, domain, level, device=None):
+    def __init__(self, transport, middleware, domain, level, device=None, baud=115200):
         own = not isinstance(transport, str)
         self.kind = "own" if own else transport
         self.said = io.StringIO()
@@ -35,6 +35,7 @@ class RunningAgent:
         self.agent = Agent(self.middleware, Log(level, self.said), domain_override=domain)
         self._master = self._slave = -1
         self._device = device
+        self._baud = baud
         self._ends = serials.make(self.kind) if self.kind in serials.KINDS else None
         if self._ends:
             transports = self._ends.transports
@@ -81,7 +82,7 @@ class RunningAgent:
         if kind == "pseudoterminal":
             return PseudoTerminalServer()
         if self._device is not None:
-            return SerialServer(str(self._device))
+            return SerialServer(str(self._device), self._baud)
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
         return SerialServer(os.ttyname(self._slave))
@@ -170,12 +171,13 @@ class RunningAgent:
 
 
 @contextmanager
-def running_agent(transport="udp", middleware="dds", domain=0, level=4, device=None):
+def running_agent(transport="udp", middleware="dds", domain=0, level=4, device=None, baud=115200):
     """Run an agent until the end of the block; raise the error with which it failed.
 
-    ``device`` is the serial line of a running board; without it, "serial" opens a pseudo-terminal.
+    ``device`` is the serial line of a running board, and ``baud`` its rate; without it, "serial"
+    opens a pseudo-terminal.
     """
-    with serving(RunningAgent(transport, middleware, domain, level, device)) as running:
+    with serving(RunningAgent(transport, middleware, domain, level, device, baud)) as running:
         yield running
 
 

@@ -1,11 +1,14 @@
 """Certificates for tests, created in each run: of a CA, the agent and boards."""
 
+import datetime
 import ssl
 from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import trustme
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
 
 from uros.agent.transports.certificates import Certificates
 
@@ -33,6 +36,29 @@ class Authority:
     def agent(self, **options):
         """(certificate, key) of an agent on this machine."""
         return self.issue("agent", **options)
+
+    def revoke(self, *certificates, path=None, days=7):
+        """Write a revocation list of these certificate files that ends in so many days; its path.
+
+        It has no other certificates, also if another list was written before.
+        """
+        now = datetime.datetime.now(datetime.timezone.utc)
+        issuer = x509.load_pem_x509_certificate(self._ca.cert_pem.bytes())
+        key = serialization.load_pem_private_key(self._ca.private_key_pem.bytes(), None)
+        builder = (
+            x509.CertificateRevocationListBuilder()
+            .issuer_name(issuer.subject)
+            .last_update(now - datetime.timedelta(30))
+            .next_update(now + datetime.timedelta(days))
+        )
+        for file in certificates:
+            serial = x509.load_pem_x509_certificate(Path(file).read_bytes()).serial_number
+            revoked = x509.RevokedCertificateBuilder().serial_number(serial).revocation_date(now)
+            builder = builder.add_revoked_certificate(revoked.build())
+        signed = builder.sign(key, hashes.SHA256()).public_bytes(serialization.Encoding.PEM)
+        path = Path(path or self.folder / "crl.pem")
+        path.write_bytes(signed)
+        return str(path)
 
     def client(self, name=None, trust=None):
         """An SSLContext of a client; ``name`` is that in its certificate, None: without one."""

@@ -134,7 +134,11 @@ class Agent:
         self.wake_at = wake_at
         for transport in transports:
             transport.admits = self.admission.admits_host if self.admission.networks else None
+            transport.on_refused = self._refused_connection
         self._check()
+
+    def _refused_connection(self, rule: str, address: str, why: str) -> None:
+        self.refusals.count("connection", rule, address, why)
 
     def _check(self) -> None:
         pause = CHECK_MS / 1000
@@ -324,6 +328,8 @@ class Agent:
             key = requested_key(message)
             if key is not None:
                 self.refusals.note(key, reason, address, self.clock.monotonic(), count)
+            else:
+                self.refusals.count("connection", "allow_net", address, reason, times=count)
             self.log.warning(
                 transport.name, "receive", reason,
                 f"address: {address}, it is in no network of --allow-net"

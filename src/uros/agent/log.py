@@ -1,4 +1,4 @@
-"""Log lines in the columns of the C++ agent, and limits on how many.
+"""Log lines in the columns of the C++ agent or as JSON, and limits on how many.
 
 A line::
 
@@ -7,22 +7,33 @@ A line::
 Time, level, part, function, event, and what it concerns. The levels of
 ``-v``: 0 off, 1 critical, 2 error, 3 warning, 4 info, 5 debug (every message's
 length), 6 trace (its bytes).
+
+As JSON, a line is an object with these members as texts; ``client_key`` is there if the line
+concerns one client::
+
+    {"time": "2025-11-21T18:33:20.123456Z", "level": "info", "part": "ProxyClient", "function": "create_topic", "event": "topic created", "client_key": "0x4B0CBE99", "about": "client_key: …"}
 """  # noqa: E501
 
 from __future__ import annotations
 
 import errno
+import json
 import os
 import queue
+import re
 import select
 import sys
 import threading
 from collections.abc import Callable
+from datetime import datetime, timezone
 from typing import Final, TextIO
 
-from ..printable import printable_ascii, unguarded
+from ..printable import printable, printable_ascii, unguarded
 from ..token_bucket import KeyedTokenBuckets, TokenBucket
 from .clock import Clock
+
+# The name of the whole package: uros.
+_PACKAGE: Final = __name__.partition(".")[0]
 
 CRITICAL: Final = 1
 ERROR: Final = 2
@@ -34,6 +45,9 @@ TRACE: Final = 6
 _NAMES = ("off", "critical", "error", "warning", "info", "debug", "trace")
 _COLOURS = ("", "\033[1;41m", "\033[1;31m", "\033[1;33m", "\033[32m", "\033[36m", "\033[37m")
 
+
+# A line concerns a client if its text begins so: elsewhere a name of a client could look like it.
+_CLIENT: Final = re.compile(r"client_key: (0x[0-9A-F]{8})(?![0-9A-Za-z])")
 
 # Lines of faults in a second, of all kinds together.
 MAX_LINES: Final = 50
@@ -66,12 +80,15 @@ class Log:
         level: The highest level that is written.
         stream: By default standard output.
         clock: The time of the lines.
+        as_json: Whether a line is a JSON object instead of columns.
     """
 
     def __init__(
-        self, level: int = INFO, stream: TextIO | None = None, clock: Clock | None = None
-    ) -> None:
+        self, level: int = INFO, stream: TextIO | None = None, clock: Clock | None = None,
+        as_json: bool = False,
+    ) -> None:  # fmt: skip
         self.level = level
+        self._as_json = as_json
         self._clock = clock or Clock()
         self._stream = unguarded(stream or sys.stdout)
         self._colour = self._stream.isatty()
@@ -111,18 +128,10 @@ class Log:
         if level < DEBUG and len(about) > _MAX_ABOUT:
             about = f"{about[:_MAX_ABOUT]}... ({len(about)} characters)"
         clock = self._clock
-        now = clock.time_ns() // 1000
-        name = f"{_NAMES[level]:<8}"
         if self._left_out and (level != INFO or self._info_limit.available(clock.monotonic()) > 1):
             about += f" ({self._left_out} lines of info were left out before: too many at once)"
             self._left_out = 0
-        if self._colour:
-            name = f"{_COLOURS[level]}{name}\033[0m"
-        line = (
-            f"[{now // 1_000_000}.{now % 1_000_000:06d}] {name} | {part:<18} | {function:<24} |"
-            f" {printable_ascii(event):<30} | {printable_ascii(about)}".rstrip()
-            + "\n"
-        )
+        line = self._line(level, part, function, event, about)
         if self._thread is None:
             self._write(line)
             return
@@ -133,6 +142,36 @@ class Log:
             self._put += len(line)
         except queue.Full:
             self._lost += 1
+
+    def _line(self, level: int, part: str, function: str, event: str, about: str) -> str:
+        """Return a line with its end, in ASCII, without effect on a terminal."""
+        seconds, micros = divmod(self._clock.time_ns() // 1000, 1_000_000)
+        if self._as_json:
+            moment = datetime.fromtimestamp(seconds, timezone.utc)
+            content = {
+                "time": f"{moment:%Y-%m-%dT%H:%M:%S}.{micros:06d}Z", "level": _NAMES[level],
+                "part": part, "function": function, "event": printable(event),
+            }  # fmt: skip
+            if client := _CLIENT.match(about):
+                content["client_key"] = client[1]
+            return json.dumps({**content, "about": printable(about)}) + "\n"
+        name = f"{_NAMES[level]:<8}"
+        if self._colour:
+            name = f"{_COLOURS[level]}{name}\033[0m"
+        return (
+            f"[{seconds}.{micros:06d}] {name} | {part:<18} | {function:<24} |"
+            f" {printable_ascii(event):<30} | {printable_ascii(about)}".rstrip()
+            + "\n"
+        )
+
+    def _lost_lines(self, count: int, why: str) -> str:
+        """Return a line that tells how many were lost."""
+        text = f"{count} lines of the log were lost: {why}"
+        return (
+            self._line(WARNING, "Log", "write", "lines lost", text)
+            if self._as_json
+            else f"({text})\n"
+        )
 
     def _admit_info(self) -> bool:
         if self._info_limit.take(self._clock.monotonic()):
@@ -149,7 +188,7 @@ class Log:
             self._taken += len(line)
             if self._lost and self._waiting.empty():
                 lost, self._lost = self._lost, 0
-                self._write(f"({lost} lines of the log were lost: nobody was reading)\n")
+                self._write(self._lost_lines(lost, "nobody was reading"))
 
     def _write(self, line: str) -> None:
         try:
@@ -159,7 +198,7 @@ class Log:
                 return
             head = "\n" if self._torn else ""
             if self._untaken:
-                head += f"({self._untaken} lines of the log were lost: {self._why})\n"
+                head += self._lost_lines(self._untaken, self._why)
             self._put_out((head + line).encode("ascii", "backslashreplace"))
             self._untaken = 0
         except (OSError, ValueError) as error:
@@ -211,7 +250,11 @@ class Log:
 
 def unexpected(error: Exception, where: str = "") -> str:
     """Return the text for an unexpected error; ``where``, with a leading space, follows it."""
-    return f"{type(error).__name__}: {error}{where} (this is a fault of uros: please report it)"
+    advice = "this is a fault of uros: please report it"
+    if isinstance(error, ModuleNotFoundError) and (error.name or "").startswith(f"{_PACKAGE}."):
+        # Some modules are loaded when they are first needed.
+        advice = "uros was removed or replaced while this agent runs: install it, restart the agent"
+    return f"{type(error).__name__}: {error}{where} ({advice})"
 
 
 class RateLimit:

@@ -60,6 +60,7 @@ class Server:
         asleep: Whether the loop waits for an event; for a watchdog.
         thread: The ident of the thread of :meth:`run`, or None.
         ready: Set when everything is open, and when :meth:`run` ends.
+        troubles: Functions that return what is wrong with a part of the agent; "" if nothing is.
 
     Args:
         agent: The agent.
@@ -76,6 +77,7 @@ class Server:
         agent.middleware.batching = True
         self._engines = agent.middleware.engines
         self._poller = poller.create()
+        self._busy_poll = poller.BusyPoll(self._poller.poll, self._monotonic)
         self._wake = WakeupFd()
         self._stopping = False
         self._calls: list[tuple[float, int, Callable[[], None]]] = []
@@ -95,6 +97,7 @@ class Server:
         agent.time_budget.enabled = True
         agent.close_queue.schedule = lambda: self.wake_at(PAUSE, agent.close_queue.work)
         self.ready = threading.Event()
+        self.troubles: list[Callable[[], str]] = []
 
     # --- what transports call (see transports.base.Host) -------------------------
 
@@ -219,6 +222,11 @@ class Server:
         self._wake.set()
 
     @property
+    def middleware_fails(self) -> bool:
+        """Whether the middleware raises errors again and again."""
+        return self._failures > _PATIENCE
+
+    @property
     def stopping(self) -> bool:
         """Whether :meth:`stop` was called."""
         return self._stopping
@@ -260,7 +268,7 @@ class Server:
         if deadline is not None and (timeout := deadline - self._monotonic()) < 0:
             timeout = 0.0
         self.asleep = True
-        ready = self._poller.poll(timeout)
+        ready = self._busy_poll.poll(timeout)
         self.asleep = False
         self.turns += 1
         if agent.close_queue.spent:
@@ -313,6 +321,9 @@ class Server:
                 try:
                     session.finish()
                     self.agent.flush(session)
+                    if session.delivered:
+                        session.delivered = False
+                        self._busy_poll.expect_answer()
                     client = self.agent.clients.get(session.key)
                     if client is not None:
                         self._set_timer(client)

@@ -2,15 +2,21 @@
 
 import errno
 import io
+import json
 import os
 import re
+import shutil
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import pytest
 from support.waiting import eventually as wait_until
 
 from uros.agent import log as module
 from uros.agent.log import Log, RateLimit
+from uros.printable import is_printable, printable
 
 LINE = re.compile(
     r"\[(\d+\.\d{6})\] (critical|error   |warning |info    |debug   |trace   ) \| (.{18}) \| "
@@ -62,6 +68,67 @@ def test_shortcuts():
 def test_text_of_clients_is_escaped_and_stays_on_its_line():
     (line,) = lines(4, (4, "p", "f", "w", "rt/\x1b[31m\nfake [1.0] error \u202e\u00e9\udc80"))
     assert line.endswith(r"rt/\x1b[31m\nfake [1.0] error \u202e\xe9\udc80")
+
+
+# --- JSON ---------------------------------------------------------------------------------------
+
+HOSTILE = [
+    "rt/\x1b[31m\nfake", '", "level": "critical', "\\", "\u202e\u200b", "\ud800", "{}", "\r\0\x7f",
+    "client_key: 0x00000001, x", "Müller 温度",
+]  # fmt: skip
+
+
+def objects(level, *calls):
+    out = io.StringIO()
+    log = Log(level, out, as_json=True)
+    for call in calls:
+        log(*call)
+    assert out.getvalue().isascii()
+    return [json.loads(line) for line in out.getvalue().splitlines()]
+
+
+def test_a_line_as_json_has_these_keys_in_this_order(monkeypatch):
+    monkeypatch.setattr(time, "time_ns", lambda: 1_763_750_000_000_042_999)
+    about = "client_key: 0x4B0CBE99, topic_id: 0x000(2)"
+    one, two = objects(4, (4, "ProxyClient", "create_topic", "topic created", about), (2, *"abc"))
+    assert list(one.items()) == [
+        ("time", "2025-11-21T18:33:20.000042Z"), ("level", "info"), ("part", "ProxyClient"),
+        ("function", "create_topic"), ("event", "topic created"), ("client_key", "0x4B0CBE99"),
+        ("about", about),
+    ]  # fmt: skip
+    assert list(two) == ["time", "level", "part", "function", "event", "about"]
+    assert (two["level"], two["about"]) == ("error", "")
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_hostile_name_forges_neither_line_nor_key_in_json_and_moves_no_terminal(name):
+    (line,) = objects(4, (4, "p", "f", "refused", f"address: 1.2.3.4, topic: {name}"))
+    assert (line["level"], line["event"]) == ("info", "refused") and "client_key" not in line
+    assert line["about"] == f"address: 1.2.3.4, topic: {printable(name)}"
+    (line,) = objects(4, (4, "p", "f", name))
+    assert line["event"] == printable(name) and is_printable(line["event"])
+
+
+def test_lost_lines_are_json_too(tmp_path, monkeypatch):
+    real, room = os.write, [0]
+
+    def write(fd, data):
+        if fd == log._fd and not room[0]:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return real(fd, data)
+
+    with (tmp_path / "log").open("w") as stream:
+        log = Log(4, stream, as_json=True)
+        monkeypatch.setattr(os, "write", write)
+        log.info("p", "f", "lost")
+        wait_until(lambda: log._untaken == 1)
+        room[0] = 1
+        log.info("p", "f", "kept")
+        log.close()
+    first, second = map(json.loads, (tmp_path / "log").read_text().splitlines())
+    assert (first["event"], first["level"]) == ("lines lost", "warning")
+    assert first["about"] == "1 lines of the log were lost: No space left on device"
+    assert second["event"] == "kept"
 
 
 def test_a_broken_pipe_turns_the_log_off():
@@ -255,3 +322,32 @@ def test_lines_waiting_for_a_stopped_terminal_are_limited_in_characters_too(monk
         while b"lines of the log were lost" not in output:
             output += terminal.read(65536)
         log.close()
+
+
+REMOVED = """
+import shutil, sys
+import uros.agent.log, uros.interfaces
+shutil.rmtree(sys.argv[1])
+try:
+    uros.interfaces.known_hash("std_msgs/msg/Int32")
+except Exception as error:
+    print(uros.agent.log.unexpected(error))
+"""
+
+
+def test_a_module_that_was_removed_is_no_fault_of_uros(tmp_path):
+    """The package is removed while an agent runs, as by a package manager."""
+    package = Path(module.__file__).parents[1]
+    shutil.copytree(package, tmp_path / "uros", ignore=shutil.ignore_patterns("__pycache__"))
+    done = subprocess.run(
+        [sys.executable, "-c", REMOVED, str(tmp_path / "uros")],
+        env={**os.environ, "PYTHONPATH": str(tmp_path)}, capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.stdout.startswith("ModuleNotFoundError: No module named 'uros."), done.stderr
+    assert "uros was removed or replaced while this agent runs" in done.stdout
+    assert "report" not in done.stdout
+
+
+def test_other_modules_that_are_missing_are_reported():
+    text = module.unexpected(ModuleNotFoundError("No module named 'xml'", name="xml"))
+    assert text.endswith("(this is a fault of uros: please report it)")

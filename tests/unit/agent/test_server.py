@@ -114,6 +114,21 @@ def test_boards_on_several_transports_exchange_samples(server):
     first.write(writer, b"nobody")
 
 
+def test_only_a_sample_for_a_board_starts_busy_polling(server, monkeypatch):
+    expected = []
+    monkeypatch.setattr(server.server._busy_poll, "expect_answer", lambda: expected.append(1))
+    board = server.client(1)
+    writer = board.writer("a", "rt/a", TYPE)
+    board.write(writer, b"nobody reads it")
+    reader = board.reader("b", "rt/a", TYPE)
+    board.read(reader)
+    assert board.ping() and not expected
+    board.write(writer, b"back to the board")
+    assert board.sample(reader) == b"back to the board"
+    assert board.ping()  # the turn that sent the sample has ended
+    assert expected == [1]
+
+
 def test_with_state_acknowledged_samples_are_delivered_before_shutdown(monkeypatch, tmp_path):
     monkeypatch.setattr(MemoryMiddleware, "dispatch_local", lambda self: None)
     write = MemoryWriter.write

@@ -189,28 +189,31 @@ class ProxyClient:
             status = self._create_object(object_id, kind, form, content, parent, r.little, flags)
         except UnknownReference as error:
             status = ids.STATUS_ERR_UNKNOWN_REFERENCE
-            self._refused(kind, object_id, str(error))
+            self._refused(kind, object_id, str(error), status)
         except NameRefused as error:
             status = ids.STATUS_ERR_DENIED
-            self._refused(kind, object_id, str(error))
+            self._refused(kind, object_id, str(error), status)
         except (DecodeError, ProfileError) as error:
             status = ids.STATUS_ERR_INVALID_DATA
-            self._refused(kind, object_id, f"{error}{_hint(str(error))}")
+            self._refused(kind, object_id, f"{error}{_hint(str(error))}", status)
         except TooMany as error:
             status = ids.STATUS_ERR_RESOURCES
-            self._refused(kind, object_id, str(error))
+            self._refused(kind, object_id, str(error), status)
         except Taken as error:
             status = ids.STATUS_ERR_ALREADY_EXISTS
-            self._refused(kind, object_id, str(error))
+            self._refused(kind, object_id, str(error), status)
         except MiddlewareError as error:
             status = ids.STATUS_ERR_DDS_ERROR
-            self._refused(kind, object_id, str(error))
+            self._refused(kind, object_id, str(error), status)
         except Exception as error:  # the client must get an answer
             status = ids.STATUS_ERR_DDS_ERROR
             self._agent.failed(error)
         self._status(request_id, object_id, status, stream)
 
-    def _refused(self, kind: int, object_id: int, why: str) -> None:
+    def _refused(self, kind: int, object_id: int, why: str, status: int) -> None:
+        agent, rule = self._agent, ids.status_name(status).lower().removeprefix("err_")
+        about = f"{object_label(object_id)}: {why}"
+        agent.refusals.count("request", rule, agent.address(self.key), about, self.key)
         if object_id not in self.objects and len(self.refused) < _MAX_REFUSED:
             self.refused[object_id] = why[:_MAX_WHY]
         times = self._agent.faults.times(f"{self.key:08X} {object_id:04X} {why[:80]}")

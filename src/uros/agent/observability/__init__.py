@@ -1,6 +1,7 @@
 """Shows what an agent does: messages, captures, snapshots, metrics, diagnostics.
 
 ====================  ==========================================================================
+``audit``             ``--audit FILE``: who was refused, by which rule, and how often
 ``capture``           ``--capture FILE``: every message that passes the agent, both ways, in a
                       file
 ``diagnostic_array``  ``diagnostic_msgs/msg/DiagnosticArray`` in CDR
@@ -10,7 +11,8 @@
 ``jsonl``             The text format of captures and of ``uros trace``: one JSON line a message
 ``message_hooks``     Hooks that are called for each message that passes the agent
 ``pcapng``            Captured messages as pcapng, for Wireshark and tshark
-``prometheus``        ``--metrics``: the agent's counters for Prometheus, over HTTP
+``prometheus``        ``--metrics``: the agent's counters for Prometheus and its health, over HTTP
+``readiness``         Tells whether an agent can serve boards now, and what is wrong with it
 ``snapshot``          State of the agent as one JSON object: transports, clients, refused clients
 ``status_socket``     The status socket: a Unix socket that the owner's tools query
 ====================  ==========================================================================

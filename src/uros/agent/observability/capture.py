@@ -13,7 +13,7 @@ import os
 import queue
 import stat
 import threading
-from typing import Final, Protocol
+from typing import Final, NamedTuple, Protocol
 
 from ..log import Log, RateLimit, unexpected
 from .jsonl import JsonLinesEncoder
@@ -31,6 +31,10 @@ MAX_WAITING: Final = 16 * 1024 * 1024
 _OVERHEAD: Final = 300
 # The messages that wait are written at once when they have so many bytes.
 _CHUNK: Final = 64 * 1024
+# How long nothing is written after the disk was full, by the times of messages, in seconds.
+RETRY_SECONDS: Final = 5.0
+# Errors that end by themselves.
+_TEMPORARY: Final = (errno.ENOSPC, errno.EDQUOT)
 # Closing waits so many seconds at a time, until the disk has taken nothing meanwhile, and at most
 # so many times.
 _STILL: Final = 1.0
@@ -53,13 +57,23 @@ class _Encoder(Protocol):
     def encode(self, event: MessageEvent, lost: int) -> bytes: ...
 
 
+class _Record(NamedTuple):
+    """A message as it will be in the file, and how many messages it accounts for."""
+
+    data: bytes
+    messages: int
+
+
 class Capture:
     """A message hook that writes a capture file.
 
     A file that reaches its limit is renamed to ``path`` with ``.1`` appended, and a new one is
     begun: the last two are kept. A capture that exists already is renamed in the same way, so that
-    what an agent wrote before it crashed is not lost by starting it again. If the disk is full,
-    the capture ends with a warning and the agent continues.
+    what an agent wrote before it crashed is not lost by starting it again.
+
+    While the disk is full, messages are not captured. A warning says so once; it is tried again
+    every :data:`RETRY_SECONDS`, and the next message in the file has the number of those that are
+    missing before it. Other errors end the capture with a warning. The agent continues.
 
     Args:
         path: The file; pcapng if its name ends with ``.pcapng``, else JSON lines.
@@ -86,12 +100,20 @@ class Capture:
         self._taken = 0  # bytes written, counted by the writing thread
         self._unreported = 0  # lost since the last one that was queued
         self._ended = False
+        self._paused = ""  # why nothing is written now
+        # Times of messages: of the last one, and of the one that the disk did not take.
+        self._handled = self._failed_at = 0
+        self._missed = 0  # messages not written since the last one that was
         self._size = 0
         self._file, self._rotates = _open(path)
         self._thread = threading.Thread(target=self._run, name="uros-capture", daemon=True)
         self._thread.start()
         message_hooks.append(self.record)
         log.info("Capture", "open", "capturing", f"file: {path}")
+
+    def trouble(self) -> str:
+        """Return why messages are not captured now; "" if they are."""
+        return f"nothing is captured into {self.path}: {self._paused}" if self._paused else ""
 
     # --- the agent's thread -----------------------------------------------------------
 
@@ -129,8 +151,8 @@ class Capture:
                 "Capture", "close", "capture is cut off", f"file: {self.path}, it takes no more"
             )
         about = f"file: {self.path}, messages: {self.written}"
-        if self.lost:
-            about += f", lost: {self.lost}"
+        if lost := self.lost + self._missed:
+            about += f", lost: {lost}"
         self._log.info("Capture", "close", "capture closed", about)
 
     # --- the thread that writes ----------------------------------------------------------
@@ -138,9 +160,15 @@ class Capture:
     def _run(self) -> None:
         try:
             while not self._ended:
-                self._write_what_waits()
+                try:
+                    self._write_what_waits()
+                except OSError as error:
+                    if error.errno not in _TEMPORARY:
+                        raise
+                    self._pause(error)
         except OSError as error:
             self._ended = True
+            self._paused = error.strerror or str(error)
             # The log is thread-safe.
             self._log.warning(
                 "Capture", "write", "capture ends",
@@ -149,6 +177,7 @@ class Capture:
             )  # fmt: skip
         except Exception as error:  # whatever it is, boards are served
             self._ended = True
+            self._paused = type(error).__name__
             self._log.error(
                 "Capture", "write", "internal error", unexpected(error, "; the capture ends")
             )
@@ -156,23 +185,40 @@ class Capture:
             if self._file >= 0:
                 os.close(self._file)
 
+    def _pause(self, error: OSError) -> None:
+        """Write nothing for some seconds; say so unless the last attempt failed too."""
+        self._encoder.reset()  # what it has told of transports may not be in the file
+        self._failed_at = self._handled
+        if not self._paused:
+            self._log.warning(
+                "Capture", "write", "capture pauses",
+                f"file: {self.path}, {_trouble(error)}; it is tried again every"
+                f" {RETRY_SECONDS:.0f} s, the agent goes on",
+            )  # fmt: skip
+        self._paused = error.strerror or str(error)
+
     def _write_what_waits(self) -> None:
         """Wait for messages and write them."""
         item = self._waiting.get()
-        records: list[bytes] = []
+        records: list[_Record] = []
         size = 0
         while item is not None:
             event, lost = item
-            data = self._encoder.encode(event, lost)
-            full = self._size + size
-            if self._rotates and full and full + len(data) > self._limit:
-                self._write(records)
-                records, size = [], 0
-                self._rotate()
-                data = self._encoder.encode(event, lost)
-            records.append(data)
-            size += len(data)
             self._taken += len(event.message) + _OVERHEAD
+            self._handled = event.now
+            self._missed += lost + 1  # until the record is written
+            if not self._paused or abs(event.now - self._failed_at) >= RETRY_SECONDS * 1_000_000:
+                count = self._missed
+                data = self._encoder.encode(event, count - 1)
+                full = self._size + size
+                if self._rotates and full and full + len(data) > self._limit:
+                    self._write(records)
+                    records, size = [], 0
+                    self._rotate()
+                    data = self._encoder.encode(event, count - 1)
+                records.append(_Record(data, count))
+                self._missed = 0
+                size += len(data)
             if size >= _CHUNK:
                 break
             try:
@@ -183,34 +229,51 @@ class Capture:
             self._ended = True
         self._write(records)
 
-    def _write(self, records: list[bytes]) -> None:
+    def _write(self, records: list[_Record]) -> None:
         """Write all records, or as many whole ones as there is room for, and raise OSError."""
-        data = memoryview(b"".join(records))
+        if not records:
+            return
+        data = memoryview(b"".join(record.data for record in records))
         done = 0
         try:
+            if self._file < 0:
+                self._begin()
             while done < len(data):
                 done += os.write(self._file, data[done:])
         except OSError:
-            for record in records:
-                if done < len(record):
-                    break
-                done -= len(record)
-                self._size += len(record)
+            remaining = list(records)
+            while remaining and done >= len(remaining[0].data):
+                record = remaining.pop(0)
+                done -= len(record.data)
+                self._size += len(record.data)
                 self.written += 1
-            if self._rotates:
+            self._missed += sum(record.messages for record in remaining)
+            if self._rotates and self._file >= 0:
                 os.ftruncate(self._file, self._size)
+                os.lseek(self._file, self._size, os.SEEK_SET)
             raise
         self._size += len(data)
         self.written += len(records)
+        if self._paused:
+            self._paused = ""
+            self._log.info(
+                "Capture", "write", "capture goes on",
+                f"file: {self.path}, messages not captured: {records[0].messages - 1}",
+            )  # fmt: skip
 
     def _rotate(self) -> None:
         file, self._file = self._file, -1
-        os.close(file)  # Windows renames none that is open
-        os.replace(self.path, f"{self.path}.1")
+        if file >= 0:
+            os.close(file)  # Windows renames none that is open
+            os.replace(self.path, f"{self.path}.1")
+        self._begin()
+        self._encoder.reset()
+
+    def _begin(self) -> None:
+        """Begin a file; raises OSError."""
         self._file = os.open(self.path, _NEW, _MODE)
         _lock(self._file)
         self._size = 0
-        self._encoder.reset()
 
 
 def _open(path: str) -> tuple[int, bool]:

@@ -54,8 +54,16 @@ class MessageHooks(list[MessageHook]):
         super().__init__()
         self._log = log
         self._clock = clock
-        if log.level >= DEBUG:
-            self.append(lambda event: log_message(log, event))
+        self.follow_level()
+
+    def follow_level(self) -> None:
+        """Log each message from now on if the log has level 5 or 6, and none if it has not."""
+        self.discard(self._log_message)
+        if self._log.level >= DEBUG:
+            self.insert(0, self._log_message)
+
+    def _log_message(self, event: MessageEvent) -> None:
+        log_message(self._log, event)
 
     def __call__(
         self, transport: ServerTransport, peer: Any, direction: str,

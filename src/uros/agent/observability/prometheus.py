@@ -1,4 +1,4 @@
-"""``--metrics``: the agent's counters for Prometheus, over HTTP.
+"""``--metrics``: the agent's counters for Prometheus and its health, over HTTP.
 
 Threads serve HTTP (:mod:`uros.http_server`). For each scrape one requests a snapshot from the
 server's thread, which makes it while boards are served, and converts it to metrics. Boards have the
@@ -22,6 +22,7 @@ from ...printable import printable
 from ..log import unexpected
 from ..transports.base import ERROR, INFO, TransportError
 from ..transports.ip import address_trouble, bind_trouble, text_of
+from .readiness import Readiness, readiness
 from .snapshot import gather
 
 if TYPE_CHECKING:
@@ -40,6 +41,10 @@ PATIENCE: Final = 2.0
 # Pause between metrics, which lets the server's thread have the GIL: two hundred boards take some
 # ten milliseconds. In seconds.
 _BREATH: Final = 0.0005
+# Paths of the health: does the agent's thread run, and can a board connect.
+HEALTH: Final = "/healthz"
+READY: Final = "/readyz"
+_BUSY: Final = b"the agent is busy: its log may have the reason\n"
 _WRONG_HOST: Final = (
     "use this machine's address, such as http://127.0.0.1, or the name that the agent was"
     " started with: --metrics NAME:PORT\n"
@@ -100,6 +105,13 @@ def families(snapshot: dict[str, Any]) -> Iterator[Metric]:
         "uros_refused_clients", "Client keys that were refused lately",
         value=len(snapshot["refused"]),
     )  # fmt: skip
+    refusals = CounterMetricFamily(
+        "uros_refusals", "Boards, requests and connections that were refused",
+        labels=["kind", "rule"],
+    )  # fmt: skip
+    for refusal in snapshot["refusals"]:
+        refusals.add_metric([refusal["kind"], refusal["rule"]], refusal["times"])
+    yield refusals
 
     transports = [
         ([transport["name"], _label(transport["label"])], transport)
@@ -228,6 +240,19 @@ class _Http(HttpServer):
         server, about = self.agent_server, unexpected(error)
         server.soon(lambda: server.note(ERROR, "Metrics", "run", "internal error", about))
 
+    def readiness(self) -> Readiness | None:
+        """Ask the server's thread, in a thread of HTTP; None if it does not answer in time."""
+        judged: list[Readiness] = []
+        ready = threading.Event()
+        server = self.agent_server
+
+        def judge() -> None:
+            judged.append(readiness(server))
+            ready.set()
+
+        server.soon(judge)
+        return judged[0] if ready.wait(PATIENCE) else None
+
     def snapshot(self) -> dict[str, Any] | None:
         """Request a snapshot, in a thread of HTTP; None if it is not made in time."""
         pieces: list[str] = []
@@ -251,14 +276,29 @@ class _Handler(Handler):
     server: _Http
 
     def do_GET(self) -> None:
-        if self.path.partition("?")[0] not in ("/", "/metrics"):
-            self._reply(404, b"the metrics are at /metrics\n")
+        path = self.path.partition("?")[0]
+        if path in (HEALTH, READY):
+            self._judge(path)
+            return
+        if path not in ("/", "/metrics"):
+            self._reply(404, b"the metrics are at /metrics, the health at /healthz and /readyz\n")
             return
         snapshot = self.server.snapshot()
         if snapshot is None:
-            self._reply(503, b"the agent is busy: its log may have the reason\n")
+            self._reply(503, _BUSY)
             return
         self._reply(200, *_page(snapshot, self.headers.get("Accept") or ""))
+
+    def _judge(self, path: str) -> None:
+        """Answer whether the agent runs, or whether it can serve boards."""
+        judged = self.server.readiness()
+        if judged is None:
+            self._reply(503, _BUSY)
+        elif path == HEALTH:
+            self._reply(200, b"ok\n")
+        else:
+            body = json.dumps(judged._asdict()).encode() + b"\n"
+            self._reply(200 if judged.ready else 503, body, "application/json")
 
     def _reply(self, status: int, body: bytes, kind: str = "text/plain; charset=utf-8") -> None:
         self.reply(status, body, kind)

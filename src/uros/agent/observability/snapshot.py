@@ -27,6 +27,7 @@ from ..objects.endpoints import WriterEndpoint
 from ..objects.kinds import KIND_NAMES, key_label, object_label
 from ..objects.object_table import Endpoint, XrceObject
 from ..transports.base import ServerTransport
+from .readiness import readiness
 
 if TYPE_CHECKING:
     from ..server import Server
@@ -142,7 +143,16 @@ def pieces(server: Server, rates: Rates | None = None) -> Iterator[str]:
     """
     agent = server.agent
     rates = rates or Rates(agent.clients)
-    yield _text(head(server))[:-1] + ',"clients":['
+    ready, problems = readiness(server)
+    judged = {
+        "ready": ready,
+        "problems": [cut(problem) for problem in problems],
+        "refusals": [
+            {"kind": kind, "rule": rule, "times": times}
+            for (kind, rule), times in agent.refusals.counts.items()
+        ],
+    }
+    yield _text({**head(server), **judged})[:-1] + ',"clients":['
     comma = ""
     for key in list(agent.clients):
         client = agent.clients.get(key)

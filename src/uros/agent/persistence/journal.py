@@ -472,6 +472,12 @@ def _checked(path: str, fd: int) -> Journal:
         version = first[len(_MAGIC) :].split(b"\n")[0]
         if version != _VERSION:
             text = version.decode("ascii", "replace")
+            if text.isdecimal() and int(text) > int(_VERSION):
+                raise JournalError(
+                    f"--state {path}: a newer uros wrote it (format {text}, this one has"
+                    f" {_VERSION.decode()}) and it is not changed: start that version again, or"
+                    " name another file (boards then start anew)"
+                )
             raise JournalError(
                 f"--state {path}: it is of another version of uros ({text!r}) and is not"
                 " changed: use that version, or remove the file (boards then start anew)"

@@ -118,6 +118,12 @@ class SessionStore:
             agent.session_store = None
             self._journal.close(not self._failing)
 
+    def trouble(self) -> str:
+        """Return why sessions are not kept now; "" if they are."""
+        if not self._failing:
+            return ""
+        return f"sessions are not kept in {self._journal.path}: {self._journal.error}"
+
     # --- restored and sleeping clients ------------------------------------------------
 
     def _restore(self, records: ClientRecords) -> None:

@@ -11,7 +11,9 @@
 ``liveliness``      Probes silent clients, and deletes those that stay silent
 ``memory_budget``   The account of the memory that all clients together make the agent hold
 ``reader_backlog``  Octets that wait in a middleware reader for its client: bounded and charged
+``replacement``     Replaces rules and admission while boards are connected
 ``rules``           Rules of the agent's owner for clients: names, domain, QoS, limits
 ``time_budget``     Time budget: how much of the one thread's time goes into creating and deleting
+``toml_file``       Reads a TOML file, and finds the lines of its keys
 ==================  ============================================================================
 """

@@ -13,7 +13,8 @@ An empty list allows all. Networks apply to IP transports only: a serial line ha
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from ipaddress import IPv4Network, IPv6Address, IPv6Network, ip_address, ip_network
 from typing import Any, Final, NamedTuple
@@ -160,11 +161,58 @@ class Refusal(NamedTuple):
     when: float
 
 
+class RefusalEvent(NamedTuple):
+    """Something that was refused, for those who count or record refusals.
+
+    Attributes:
+        kind: ``board`` (a session), ``request`` (an object of a board) or ``connection``.
+        rule: Which rule refused it, such as ``allow_key``.
+        key: The client key; 0 if it is unknown.
+        address: Where it came from.
+        why: The reason, for people.
+        times: How often.
+    """
+
+    kind: str
+    rule: str
+    key: int
+    address: str
+    why: str
+    times: int
+
+
+# The rules that refuse boards, by the beginning of the reason.
+_RULES: Final = (
+    (KEY_IN_USE, "key_in_use"), (KEY_NOT_ALLOWED, "allow_key"), (ADDRESS_NOT_ALLOWED, "allow_net"),
+    ("over ", "max_clients"), ("memory", "max_memory"), ("", "protocol"),
+)  # fmt: skip
+
+
 class Refusals(dict[int, Refusal]):
-    """Refusals by client key, the latest last; the oldest is dropped at MAX_REFUSALS."""
+    """Refusals by client key, the latest last; the oldest is dropped at MAX_REFUSALS.
+
+    Attributes:
+        counts: How many refusals there were, by kind and rule.
+        listeners: Called with each refusal.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.counts: Counter[tuple[str, str]] = Counter()
+        self.listeners: list[Callable[[RefusalEvent], None]] = []
+
+    def count(
+        self, kind: str, rule: str, address: str, why: str, key: int = 0, times: int = 1
+    ) -> None:
+        """Count something that was refused, and tell the listeners."""
+        self.counts[kind, rule] += times
+        for listener in self.listeners:
+            listener(RefusalEvent(kind, rule, key, address, why, times))
 
     def note(self, key: int, why: str, address: str, when: float, times: int = 1) -> None:
-        """Record a refusal, or ``times`` of them."""
+        """Record a refusal of a board, or ``times`` of them."""
+        rule = next(rule for start, rule in _RULES if why.startswith(start))
+        self.count("board", rule, address, why, key, times)
         before = self.pop(key, None)
         if before is not None and before.why == why:
             times += before.times

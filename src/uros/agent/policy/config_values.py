@@ -9,7 +9,15 @@ from typing import Any
 
 
 class ConfigError(ValueError):
-    """A value is invalid; the text has its place, the value, and what is allowed."""
+    """A value is invalid; the text has its place, the value, and what is allowed.
+
+    Attributes:
+        key: The key that should not be there; None if the fault is another.
+    """
+
+    def __init__(self, text: str, key: str | None = None) -> None:
+        super().__init__(text)
+        self.key = key
 
 
 def only(table: Mapping[str, Any], names: tuple[str, ...], about: str) -> None:
@@ -18,7 +26,7 @@ def only(table: Mapping[str, Any], names: tuple[str, ...], about: str) -> None:
         if key not in names:
             close = get_close_matches(key, names, 1, 0.6)
             hint = f"; did you mean {close[0]!r}?" if close else f"; there are {', '.join(names)}"
-            raise ConfigError(f"{about} has no {key!r}{hint}")
+            raise ConfigError(f"{about} has no {key!r}{hint}", key)
 
 
 def shown(value: Any) -> str:

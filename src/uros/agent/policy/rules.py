@@ -24,7 +24,6 @@ rules put the board into a namespace: then it is refused, because it cannot be i
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
@@ -45,6 +44,7 @@ from ...token_bucket import TokenBucket
 from ..clock import Clock
 from .config_values import ConfigError as ConfigError
 from .config_values import key_of, listed, only, shown, table_of, whole
+from .toml_file import TomlFile
 
 # Names that are global in ROS: a namespace does not apply to them, remapping does.
 GLOBAL: Final = frozenset(
@@ -58,8 +58,6 @@ GLOBAL: Final = frozenset(
         "/tf_static",
     }
 )
-# The largest rule file in bytes; a larger one is none, by mistake or malice.
-MAX_FILE: Final = 1024 * 1024
 # Messages that may come at once under max_rate, as seconds of that rate.
 _BURST: Final = 0.25
 _MAX_MS: Final = 0x7FFFFFFF
@@ -296,21 +294,7 @@ class Rules:
 
     def load(self, path: str | Path) -> int:
         """Add the rules of a file; return how many. Raises ConfigError with the file's name."""
-        if sys.version_info >= (3, 11):
-            import tomllib
-        else:
-            import tomli as tomllib
-        try:
-            with Path(path).open("rb") as file:
-                raw = file.read(MAX_FILE + 1)
-        except OSError as error:
-            raise ConfigError(f"{path}: {error.strerror}") from error
-        if len(raw) > MAX_FILE:
-            raise ConfigError(f"{path}: over {MAX_FILE} bytes")
-        try:
-            document = tomllib.loads(raw.decode("utf-8"))
-        except (ValueError, RecursionError) as error:  # also for a number of over 4300 digits
-            raise ConfigError(f"{path}: no TOML: {error}") from error
+        document = TomlFile(path).content
         try:
             rules = _rules(document)
         except ConfigError as error:
@@ -330,6 +314,10 @@ class Rules:
         """Return the settings of a node of a client; see :meth:`Rule.matches`."""
         rules = [rule for rule in self._rules if rule.matches(key, address, node)]
         return Settings(rules, clock) if rules else NOTHING
+
+    def matching(self, key: int, address: str) -> list[Rule]:
+        """Return the rules that apply to some node of a client, in order."""
+        return [rule for rule in self._rules if rule.is_for(key, address)]
 
     def same_rules(self, key: int, address: str, other_address: str) -> bool:
         """Return whether a client has the same rules at two addresses, for all node names."""

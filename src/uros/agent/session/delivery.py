@@ -122,6 +122,7 @@ class Delivery:
                     wait = max(wait, len(samples[0][1]) * 1000 // self._bytes_per_second)
                 self._next = ticks_add(now, wait)
             if samples:
+                session.delivered = True
                 self._large = is_reliable and len(samples[-1][1]) > session.mtu - 16
             if len(samples) < limit:
                 return self._is_limited and self.finished(now)

@@ -113,9 +113,9 @@ class Session:
     __slots__ = (
         "_asking_since", "_best_effort_in", "_best_effort_out", "_budget", "_handler",
         "_heard_before", "_in", "_key_octets", "_limit", "_out", "_resumed", "_retry_at",
-        "_retry_ms", "_scratch", "_warned", "acknowledged", "dropped", "given_up", "heard", "key",
-        "lost", "mtu", "outgoing", "received", "received_bytes", "resent", "round_trips_ms", "sent",
-        "sent_bytes", "session_id", "writers",
+        "_retry_ms", "_scratch", "_warned", "acknowledged", "delivered", "dropped", "given_up",
+        "heard", "key", "lost", "mtu", "outgoing", "received", "received_bytes", "resent",
+        "round_trips_ms", "sent", "sent_bytes", "session_id", "writers",
     )  # fmt: skip
 
     def __init__(
@@ -147,6 +147,7 @@ class Session:
         self.acknowledged = 0
         self.round_trips_ms = 0
         self.outgoing: list[bytes] = []
+        self.delivered = False  # whether samples were sent since the server last looked
         self.writers: dict[int, WriteSample] = {}  # datawriters' object ids
         self._handler: Handler = handler
         self._scratch = bytearray(256)

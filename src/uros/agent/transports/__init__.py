@@ -7,8 +7,10 @@
 ``ip``               sockets and addresses that UDP and TCP share
 ``tls``              TCP in TLS
 ``certificates``     the certificates and keys that TLS needs
+``x509``             dates and serial numbers of certificates and revocation lists
 ``discovery``        answers boards that search for an agent
 ``line``             frames in a stream of bytes, and a line that reconnects
+``line_faults``      explains bytes of a line among which no frame is
 ``serial``           serial devices and pseudo-terminals, by termios
 ``serial_device``    a serial device by its name, or by a file with the name
 ``terminal``         opens a device and its modem lines

@@ -103,6 +103,8 @@ class ServerTransport(ABC):
         sessions: The sessions with ids from 0x80 on, by peer. Messages with lower session ids
             contain the client key, by which the agent finds their session.
         admits: Returns whether an IP address is admitted; None admits all. Set before :meth:`open`.
+        on_refused: Called with rule, address and reason for each connection that is refused. Set
+            before :meth:`open`.
         messages: The number of messages received, including those of unknown clients.
         bytes: The sum of their lengths.
     """
@@ -115,6 +117,7 @@ class ServerTransport(ABC):
     def __init__(self) -> None:
         self.sessions: dict[Any, Any] = {}
         self.admits: Callable[[str], bool] | None = None
+        self.on_refused: Callable[[str, str, str], None] = lambda rule, address, why: None
         self.messages = 0
         self.bytes = 0
 
@@ -137,6 +140,21 @@ class ServerTransport(ABC):
     @abstractmethod
     def address(self, peer: Any) -> str:
         """Return the peer as text."""
+
+    def is_waiting(self) -> bool:
+        """Return whether it waits for its device or peer, so that no board can connect by it."""
+        return False
+
+    def doubts(self, now: float) -> list[str]:
+        """Return what will keep boards from connecting, today or soon, with the remedies.
+
+        Args:
+            now: The time in seconds since 1970.
+        """
+        return []
+
+    def reload(self) -> None:  # noqa: B027  most have no files
+        """Use what the transport's files have now; connections stay, and errors are logged."""
 
     def host_of(self, peer: Any) -> str | None:
         """Return the peer's numeric IP address; None if the transport does not use IP."""

@@ -107,6 +107,10 @@ class CanServer(ServerTransport):
         names = ("malformed", "foreign", "dropped")
         return {**super().counters(), **{name: getattr(self, name) for name in names}}
 
+    def is_waiting(self) -> bool:
+        """Return whether the bus is not open."""
+        return self._bus is None
+
     # --- reconnection --------------------------------------------------------------------
 
     def open(self, host: Host) -> None:

@@ -1,4 +1,4 @@
-"""Loads the agent's certificate, its key and the CA of its clients into an SSLContext."""
+"""Loads the agent's certificate, its key, and of its clients the CA and the revocation list."""
 
 from __future__ import annotations
 
@@ -6,34 +6,46 @@ import errno
 import os
 import re
 import ssl
-from typing import Final
+from collections.abc import Callable
+from datetime import datetime, timezone
+from typing import Final, TypeVar
 
 from .base import TransportError
+from .x509 import Certificate, RevocationList, certificate, certificates_in, revocation_lists_in
+
+_T = TypeVar("_T")
 
 # The largest file that is read, in bytes; a chain of certificates has some kilobytes.
 MAX_FILE: Final = 1024 * 1024
 # The most resumable sessions: OpenSSL keeps 20,000 with their certificates, for clients of TLS 1.2
 # that close properly. A new context drops them.
 MAX_SESSIONS: Final = 256
+# So many seconds before a file ends, its end is announced.
+SOON: Final = 30 * 86_400.0
 _HELP: Final = "docs/security.md has the commands"
 
 
 class Certificates:
-    """The certificate, key and CA of a TLS port.
+    """The certificate, key, CA and revocation list of a TLS port.
 
     Args:
         cert: File of the certificate.
         key: File of its private key.
         ca: File of the CA of the clients; None to admit clients without a certificate.
+        crl: File of the CA's certificate revocation lists; None without.
 
     Raises:
         TransportError: A file cannot be used; the text has the option, the file and the remedy.
     """
 
-    def __init__(self, cert: str, key: str, ca: str | None = None) -> None:
+    def __init__(self, cert: str, key: str, ca: str | None = None, crl: str | None = None) -> None:
         self.cert = cert
         self.key = key
         self.ca = ca
+        self.crl = crl
+        self._own: list[Certificate] = []
+        self._authorities: list[Certificate] = []
+        self._revocations: list[RevocationList] = []
         self._context = self._load()
         self._seen = self._look()
         self._broken = False  # the files cannot be used since their last change
@@ -48,15 +60,33 @@ class Certificates:
         full = not self._broken and self._context.session_stats()["number"] > MAX_SESSIONS
         if full or stamps != self._seen:
             self._seen = stamps
-            self._broken = True
-            self._context = self._load()
-            self._broken = False
+            self.reload()
         return self._context
+
+    def reload(self) -> None:
+        """Load the files again; raises TransportError, and keeps the former ones, if they are bad.
+
+        Clients of open connections stay, but see :meth:`is_revoked`.
+        """
+        self._broken = True
+        self._context = self._load()
+        self._broken = False
+
+    def is_revoked(self, der: bytes) -> bool:
+        """Return whether a revocation list has the certificate, which is in DER form."""
+        try:
+            shown = certificate(der)
+        except ValueError:  # OpenSSL has verified it, and checks the list at each handshake
+            return False
+        return any(
+            shown.issuer == revoked.issuer and shown.serial in revoked.serials
+            for revoked in self._revocations
+        )
 
     def _look(self) -> tuple[tuple[int, int, int], ...]:
         """Return time, inode and size of the files, to detect changes."""
         stamps = []
-        for path in (self.cert, self.key, self.ca):
+        for path in (self.cert, self.key, self.ca, self.crl):
             try:
                 status = os.stat(path or "")
                 stamps.append((status.st_mtime_ns, status.st_ino, status.st_size))
@@ -76,13 +106,40 @@ class Certificates:
         if not re.search(r"-----BEGIN [A-Z0-9 ]*CERTIFICATE-----", cert):
             raise _trouble("--tls-cert", self.cert, _no_certificate(self.cert))
         self._load_own(context, cert)
+        authorities, revocations = "", ""
         if self.ca is not None:
+            authorities = _read("--tls-ca", self.ca)
             try:
-                context.load_verify_locations(cadata=_read("--tls-ca", self.ca))
+                context.load_verify_locations(cadata=authorities)
             except (ssl.SSLError, ValueError) as error:
                 raise _trouble("--tls-ca", self.ca, _no_certificate(self.ca)) from error
             context.verify_mode = ssl.CERT_REQUIRED
+        if self.crl is not None:
+            revocations = self._load_crl(context, self.crl)
+        self._own = _known(certificates_in, cert)
+        self._authorities = _known(certificates_in, authorities)
+        self._revocations = _known(revocation_lists_in, revocations)
         return context
+
+    def _load_crl(self, context: ssl.SSLContext, crl: str) -> str:
+        """Load the revocation lists; from now on the context asks for one of each client's CA."""
+        text = _read("--tls-crl", crl)
+        if self.ca is None:
+            raise _trouble("--tls-crl", crl, "has no effect without --tls-ca: name the CA too")
+        # A certificate in the file would be trusted as a CA.
+        if "-----BEGIN X509 CRL-----" not in text or re.search(
+            r"BEGIN [A-Z0-9 ]*CERTIFICATE", text
+        ):
+            raise _trouble(
+                "--tls-crl", crl, "holds no revocation list in PEM form (-----BEGIN X509 CRL-----),"
+                f" or something else too; {_HELP}",
+            )  # fmt: skip
+        try:
+            context.load_verify_locations(crl)
+        except (ssl.SSLError, OSError) as error:
+            raise _trouble("--tls-crl", crl, f"holds no valid revocation list; {_HELP}") from error
+        context.verify_flags |= ssl.VERIFY_CRL_CHECK_LEAF
+        return text
 
     def _load_own(self, context: ssl.SSLContext, cert: str) -> None:
         key = _read("--tls-key", self.key)
@@ -124,6 +181,35 @@ class Certificates:
                 raise
             raise _trouble("--tls-cert", self.cert, f"cannot be read: {error.strerror}") from error
 
+    def doubts(self, now: float) -> list[str]:
+        """Return what will keep boards from connecting, today or soon; each with the remedy.
+
+        Args:
+            now: The time in seconds since 1970.
+        """
+        found = [
+            *_dates("--tls-cert", self.cert, self._own[:1], now),
+            *_dates("--tls-ca", self.ca or "", self._authorities, now),
+        ]
+        for revoked in self._revocations:
+            if revoked.ends is not None and revoked.ends < now:
+                found.append(
+                    f"--tls-crl {self.crl}: a revocation list ended on {_day(revoked.ends)}, so no"
+                    f" board of its CA is admitted: make a new one; {_HELP}"
+                )
+            elif revoked.ends is not None and revoked.ends < now + SOON:
+                found.append(f"--tls-crl {self.crl}: a revocation list ends on"
+                             f" {_day(revoked.ends)}: make a new one before")  # fmt: skip
+        listed = {revoked.issuer for revoked in self._revocations}
+        if self.crl and any(each.subject not in listed for each in self._authorities):
+            found.append(
+                f"--tls-crl {self.crl}: it has no list of one of the CAs of {self.ca}, so no board"
+                f" of that CA is admitted: append its list; {_HELP}"
+            )
+        if not any(f"--tls-cert {self.cert}" in each for each in found) and (why := self.doubt()):
+            found.append(f"--tls-cert {self.cert}: {why}; make a new one ({_HELP})")
+        return found
+
     def doubt(self) -> str:
         """Return why boards that verify the certificate will refuse it; "" if they will not.
 
@@ -153,6 +239,36 @@ class Certificates:
         except OSError as error:
             return error.strerror or str(error)
         return ""
+
+
+def _known(read: Callable[[str], list[_T]], pem: str) -> list[_T]:
+    """Return what is read of a file that OpenSSL accepts; nothing if its form is unusual."""
+    try:
+        return read(pem)
+    except ValueError:
+        return []
+
+
+def _dates(option: str, path: str, files: list[Certificate], now: float) -> list[str]:
+    """Return which of the certificates in a file are not valid, or not for long."""
+    found = []
+    for each in files:
+        if each.ends < now:
+            found.append(f"{option} {path} expired on {_day(each.ends)}: make a new one; {_HELP}")
+        elif each.begins > now:
+            found.append(
+                f"{option} {path} is valid from {_day(each.begins)} on: is this machine's clock"
+                " right?"
+            )
+        elif each.ends < now + SOON:
+            found.append(
+                f"{option} {path} expires on {_day(each.ends)}: make a new one before; {_HELP}"
+            )
+    return found
+
+
+def _day(moment: float) -> str:
+    return f"{datetime.fromtimestamp(moment, timezone.utc):%Y-%m-%d}"
 
 
 _WEAK: Final = ("EE_KEY_TOO_SMALL", "CA_KEY_TOO_SMALL", "CA_MD_TOO_WEAK", "EE_MD_TOO_WEAK")

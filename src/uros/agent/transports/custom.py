@@ -129,6 +129,10 @@ class CustomServer(ServerTransport):
         """Return the counters."""
         return {**super().counters(), "malformed": self.malformed, "dropped": self.dropped}
 
+    def is_waiting(self) -> bool:
+        """Return whether the line is not open."""
+        return self._worker is None
+
     def open(self, host: Host) -> None:
         """Open and start watching; raises TransportError."""
         self._host = host

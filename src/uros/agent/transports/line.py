@@ -15,6 +15,7 @@ from typing import Any, Final, Protocol
 
 from ...wire.framing import FLAG, Deframer, frame, frame_size
 from .base import ERROR, INFO, WARNING, Host, ServerTransport
+from .line_faults import explain, is_text
 
 AGENT_ADDRESS: Final = 0
 # The counters of a line.
@@ -29,6 +30,13 @@ _CHUNK: Final = 4096
 # Lines that carry frames have few other bytes; this many in a row are logged, and again after twice
 # as many.
 _SUSPICIOUS: Final = 512
+# Noise on a line that has carried no frame yet is logged so many seconds after its first byte, if
+# there are so many bytes; a board that searches for its agent sends no more than that. Text may be
+# the start of the board, and is logged as other bytes are.
+FIRST_LOOK: Final = 2.0
+_FEW: Final = 8
+# The most bytes that are kept to tell noise from text.
+_SAMPLE: Final = 256
 
 
 class Stream(Protocol):
@@ -120,6 +128,7 @@ class Line:
         skipped: Bytes outside of valid frames.
         dropped: Messages not sent because the line took nothing.
         unsent: Bytes that wait to be sent.
+        baud: The rate of a serial device; None for other lines.
 
     Args:
         server: The transport that the line belongs to.
@@ -140,6 +149,7 @@ class Line:
         self.skipped = 0
         self.dropped = 0
         self.unsent = bytearray()
+        self.baud: int | None = None
         self._server = server
         self._peer = peer
         self._on_lost = lost
@@ -147,6 +157,8 @@ class Line:
         self._deframer = Deframer(AGENT_ADDRESS)
         self._suspected = 0
         self._patience = _SUSPICIOUS
+        # The first bytes of the stream while it has carried no frame, then None.
+        self._sample: bytearray | None = bytearray()
         # The counters at the last warning, and whether it is too early for another.
         self._reported = (0, 0, 0)
         self._throttled = False
@@ -159,6 +171,7 @@ class Line:
         self._deframer = Deframer(AGENT_ADDRESS)
         self._suspected = self.skipped
         self._patience = _SUSPICIOUS
+        self._sample = bytearray()
         host.watch(stream.fileno(), self._ready)
 
     def close(self) -> None:
@@ -199,6 +212,7 @@ class Line:
                 self.frames += 1
                 self._suspected = self.skipped
                 self._patience = _SUSPICIOUS
+                self._sample = None
                 buf = bytearray(message)
                 peer = self._peer(deframer.source)
                 self._server.deliver(host, peer, buf, memoryview(buf), len(buf), now)
@@ -206,13 +220,34 @@ class Line:
         self._count(deframer)
         if self.crc_errors > self._reported[1] and not self._throttled:
             self._warn()
+        if self._sample is not None:
+            self._keep(self._sample, chunk, host)
         if self.skipped - self._suspected > self._patience:
-            self._suspected = self.skipped
             self._patience *= 2
-            host.note(
+            self._warn_of_bytes(bytes(self._sample or chunk))
+
+    def _keep(self, sample: bytearray, chunk: bytes, host: Host) -> None:
+        """Keep the first bytes of a stream, and look at them soon."""
+        if not sample:
+            host.wake_at(FIRST_LOOK, lambda: self._look(sample))
+        sample += chunk[: _SAMPLE - len(sample)]
+
+    def _look(self, sample: bytearray) -> None:
+        """Log noise that is all that a stream has carried."""
+        if sample is not self._sample or self.stream is None or is_text(bytes(sample)):
+            return
+        if len(sample) < _FEW:
+            sample.clear()  # look again after the next byte
+        else:
+            self._warn_of_bytes(bytes(sample))
+
+    def _warn_of_bytes(self, sample: bytes) -> None:
+        self._suspected = self.skipped
+        if self._host is not None:
+            self._host.note(
                 WARNING, self._server.name, "receive", "no frames among the bytes",
                 f"device: {self.label}, skipped: {self.skipped}, crc_errors: {self.crc_errors}"
-                " (wrong baud rate, or a program that does not speak micro-ROS?)",
+                f" ({explain(sample, self.label, self.baud)})",
             )  # fmt: skip
 
     def _count(self, deframer: Deframer) -> None:
@@ -373,6 +408,10 @@ class LineServer(ServerTransport):
     def address(self, peer: int) -> str:
         """Return the peer as text."""
         return f"{self.device} ({peer})"
+
+    def is_waiting(self) -> bool:
+        """Return whether the line is not open."""
+        return self.line.stream is None
 
     def is_away(self, peer: int) -> bool:
         """Return whether the line of the peer is gone."""

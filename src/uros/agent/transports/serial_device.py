@@ -43,7 +43,7 @@ class DeviceServer(LineServer):
         self, device: str, baud: int, is_file: bool, dtr: bool | None, rts: bool | None
     ) -> None:
         super().__init__(device)
-        self._baud = baud
+        self._baud = self.line.baud = baud
         self._is_file = is_file
         self._dtr = dtr
         self._rts = rts

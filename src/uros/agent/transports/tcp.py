@@ -160,6 +160,7 @@ class TcpServer(ServerTransport):
         network = _network(address)
         if self.admits is not None and not self.admits(str(address[0])):
             sock.close()
+            self.on_refused("allow_net", text_of(address), "address not allowed")
             if self._refused.add():
                 about = f"it is in no network of --allow-net, refused: {self._refused.count}"
                 self._note("connection refused", about, address)
@@ -167,10 +168,11 @@ class TcpServer(ServerTransport):
         full = len(self._connections) >= MAX_CONNECTIONS
         if full or self._from[network] >= MAX_FROM_ONE:
             sock.close()
+            over = f"{MAX_CONNECTIONS} connections"
+            if not full:
+                over = f"{MAX_FROM_ONE} connections from one address"
+            self.on_refused("connections", text_of(address), f"over {over}")
             if self._refused.add():
-                over = f"{MAX_CONNECTIONS} connections"
-                if not full:
-                    over = f"{MAX_FROM_ONE} connections from one address"
                 self._note(
                     "connection refused", f"over {over}, refused: {self._refused.count}", address
                 )

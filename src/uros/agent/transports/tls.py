@@ -41,6 +41,8 @@ FAULT_SECONDS: Final = 60.0
 _REMEMBERED: Final = 4096
 # The most characters of a client's name; only names of hosts may be longer in X.509.
 _MAX_CN: Final = 64
+# The dates of the files are checked so often, in seconds.
+_DAY: Final = 86_400.0
 _BEGINNING: Final = b"\x16\x03"
 _WANTS: Final = (ssl.SSLWantReadError, ssl.SSLWantWriteError)
 
@@ -80,6 +82,7 @@ class TlsServer(TcpServer):
         super().__init__(port, host)
         self.name = self.name.replace("TCP", "TLS")
         self._certificates = certificates
+        self._context = certificates.context()
         self._names: dict[Any, str] = {}  # by connection with TLS; "" without a certificate
         self._shown: dict[Any, str] = {}  # certificates of clients that showed one
         self._shaking: dict[Any, float] = {}  # start of handshakes, the oldest first
@@ -105,12 +108,40 @@ class TlsServer(TcpServer):
             "TLS 1.2 or later",
             f"certificate: {files.cert}, clients: {admitted}",
         )
-        doubt = files.doubt()
-        if doubt:
-            host.note(
-                WARNING, self.name, "tls", "boards will not trust this agent",
-                f"{files.cert}: {doubt}; make a new one (docs/security.md)",
-            )  # fmt: skip
+        self._note_doubts()
+
+        host.wake_at(_DAY, self._check_daily)
+
+    def _check_daily(self) -> None:
+        self._note_doubts()
+        self._host.wake_at(_DAY, self._check_daily)
+
+    def _note_doubts(self) -> None:
+        for doubt in self.doubts(self._host.clock.time_ns() / 1e9):
+            self._host.note(WARNING, self.name, "tls", "boards may not connect", doubt)
+
+    def doubts(self, now: float) -> list[str]:
+        """Return what will keep boards from connecting, today or soon."""
+        return self._certificates.doubts(now)
+
+    def reload(self) -> None:
+        """Use the certificates, the CA and the revocation list that the files have now."""
+        try:
+            self._certificates.reload()
+        except TransportError as error:
+            self._tell("cannot use new files", f"{error.strerror}; the former ones stay in use")
+            return
+        self._context = self._certificates.context()
+        self._host.note(INFO, self.name, "tls", "certificates loaded", self._certificates.cert)
+        self._note_doubts()
+        self._close_revoked()
+
+    def _close_revoked(self) -> None:
+        """Close connections of clients whose certificates were revoked meanwhile."""
+        for connection in list(self._shown):
+            der = connection.sock.getpeercert(binary_form=True)
+            if der and self._certificates.is_revoked(der):
+                self._fault(connection, _REVOKED)
 
     # --- handshakes ---------------------------------------------------------------------
 
@@ -252,6 +283,9 @@ class TlsServer(TcpServer):
         except TransportError as error:
             self._tell("cannot use new files", f"{error.strerror}; the former ones stay in use")
             context = self._certificates.context()
+        if context is not self._context:
+            self._context = context
+            self._close_revoked()
         context.sslsocket_class = _Channel
         plain = connection.sock
         # A socket that cannot be wrapped is closed by that, and its descriptor may be reused.
@@ -271,7 +305,9 @@ class TlsServer(TcpServer):
 
     def _fault(self, connection: Any, why: str) -> None:
         """Log a fault of a connection, and drop it."""
-        self._tell("no TLS connection", why, f"address: {text_of(connection.address)}, ")
+        address = text_of(connection.address)
+        self.on_refused("tls", address, why)
+        self._tell("no TLS connection", why, f"address: {address}, ")
         self._drop(connection)
 
     def _tell(self, event: str, why: str, where: str = "") -> None:
@@ -324,6 +360,8 @@ def _explain(error: Exception) -> str:
     reason = str(getattr(error, "reason", None) or "")
     words = reason.replace("_", " ").lower() or str(error)
     if isinstance(error, ssl.SSLCertVerificationError):
+        if error.verify_message in _REFUSED:
+            return _REFUSED[error.verify_message]
         return (
             f"its certificate is refused ({error.verify_message}): give the board one that the CA"
             " of --tls-ca has signed, and that is valid today"
@@ -345,6 +383,20 @@ def _explain(error: Exception) -> str:
     return f"the handshake fails ({words}): what it sends is not valid TLS"
 
 
+_REVOKED: Final = (
+    "its certificate is revoked by --tls-crl: give the board a new one, if it is yours"
+)
+# What OpenSSL says of a client's certificate, and what it means here.
+_REFUSED: Final = {
+    "certificate has expired": "its certificate has expired: give the board a new one",
+    "certificate is not yet valid":
+        "its certificate is not valid yet: check this machine's clock, or give the board a new one",
+    "certificate revoked": _REVOKED,
+    "CRL has expired":
+        "the revocation list of --tls-crl has ended, so no board is admitted: make a new one",
+    "unable to get certificate CRL":
+        "--tls-crl has no list of the CA that signed its certificate: append that CA's list",
+}  # fmt: skip
 _OLD: Final = (
     "UNSUPPORTED_PROTOCOL", "NO_SHARED_CIPHER", "NO_SHARED_SIGNATURE_ALGORITHMS",
     "NO_SUITABLE_SIGNATURE_ALGORITHM", "NO_SUITABLE_KEY_SHARE", "VERSION_TOO_LOW",
@@ -353,9 +405,9 @@ _OLD: Final = (
 
 
 def tls_server(
-    port: int, host: str, cert: str | None, key: str | None, ca: str | None
+    port: int, host: str, cert: str | None, key: str | None, ca: str | None, crl: str | None = None
 ) -> TlsServer:
-    """Make the server for the three options; raises TransportError."""
+    """Make the server for the four options; raises TransportError."""
     for option, path in (("--tls-cert", cert), ("--tls-key", key)):
         if path is None:
             raise TransportError(
@@ -363,4 +415,4 @@ def tls_server(
                 " docs/security.md has the commands that make them",
             )  # fmt: skip
     assert cert is not None and key is not None
-    return TlsServer(port, host, Certificates(cert, key, ca))
+    return TlsServer(port, host, Certificates(cert, key, ca, crl))

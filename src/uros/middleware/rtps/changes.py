@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from . import ids
@@ -59,23 +59,54 @@ class Packet(NamedTuple):
     time_ns: int | None
 
 
-def gaps(writer: bytes, reader: bytes, numbers: list[int]) -> Iterator[Packet]:
+def holes(numbers: Iterable[int], first: int, last: int) -> list[tuple[int, int]]:
+    """Return the runs from ``first`` to ``last`` that are not in ``numbers``.
+
+    Args:
+        numbers: Numbers from ``first`` to ``last``, which rise.
+        first: The first number.
+        last: The last number.
+
+    Returns:
+        The first and last number of each run.
+    """
+    out = []
+    for number in numbers:
+        if number > first:
+            out.append((first, number - 1))
+        first = number + 1
+    if first <= last:
+        out.append((first, last))
+    return out
+
+
+def runs(numbers: Iterable[int]) -> list[tuple[int, int]]:
+    """Return the first and last number of each run of numbers, which rise."""
+    out: list[tuple[int, int]] = []
+    for number in numbers:
+        if out and out[-1][1] == number - 1:
+            out[-1] = out[-1][0], number
+        else:
+            out.append((number, number))
+    return out
+
+
+def gaps(writer: bytes, reader: bytes, without: list[tuple[int, int]]) -> Iterator[Packet]:
     """Yield GAP submessages for numbers that a reader does not get.
 
     Args:
         writer: Entity id of the writer.
         reader: The reader's GUID.
-        numbers: The numbers, which rise.
+        without: The first and last number of each run of them. The runs rise and do not touch.
     """
     at = 0
-    while at < len(numbers):
-        start = base = numbers[at]
-        while at < len(numbers) and numbers[at] == base:
-            at += 1
-            base += 1
-        near = []
-        while at < len(numbers) and numbers[at] < base + MAX_BITS:
-            near.append(numbers[at])
+    while at < len(without):
+        start, last = without[at]
+        base = last + 1
+        at += 1
+        near: list[int] = []
+        while at < len(without) and without[at][1] < base + MAX_BITS:
+            near.extend(range(without[at][0], without[at][1] + 1))
             at += 1
         octets = encode_gap(reader[ids.PREFIX_SIZE :], writer, start, base, near)
         yield Packet(reader, octets, None)

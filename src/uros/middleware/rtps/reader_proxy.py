@@ -30,8 +30,8 @@ class ReaderProxy:
 
     __slots__ = (
         "acked", "acknack_counter", "behind_since", "first", "fragments", "guid", "heard_at",
-        "heartbeat_at", "heartbeat_pause", "is_stalled", "last_at_match", "nack_frag_counter",
-        "reliable", "requested", "resend_at", "waits_until", "wants_header",
+        "heartbeat_at", "heartbeat_pause", "holes", "is_stalled", "last_at_match",
+        "nack_frag_counter", "reliable", "requested", "resend_at", "waits_until", "wants_header",
     )  # fmt: skip
 
     def __init__(
@@ -49,6 +49,7 @@ class ReaderProxy:
         self.nack_frag_counter: int | None = None
         self.requested: set[int] = set()  # numbers to send again
         self.fragments: dict[int, set[int]] = {}  # fragments to send again, by number
+        self.holes: list[tuple[int, int]] = []  # runs of numbers that it is told not to wait for
         self.resend_at: float | None = None
         self.heartbeat_at: float | None = None
         self.heartbeat_pause = HEARTBEAT_FIRST

@@ -16,7 +16,7 @@ from typing import Final
 
 from ...token_bucket import TokenBucket
 from . import ids
-from .changes import Change, Packet, gaps
+from .changes import Change, Packet, gaps, holes, runs
 from .kinds import AckNack, NackFrag
 from .reader import is_newer
 from .reader_proxy import HEARTBEAT_FIRST, ReaderProxy
@@ -249,7 +249,7 @@ class StatefulWriter:
                 continue
             if not change.is_for(proxy.guid):
                 # Otherwise its next acknowledgement would ask for it.
-                packets += gaps(self._entity, proxy.guid, [self.last])
+                packets += gaps(self._entity, proxy.guid, [(self.last, self.last)])
             self._schedule_heartbeat(proxy, now)
         return packets
 
@@ -419,7 +419,9 @@ class StatefulWriter:
         """Send a reader all that is for it."""
         proxy.waits_until = None
         if self.last >= proxy.first:
-            proxy.requested.update(range(max(proxy.first, self._first()), self.last + 1))
+            there = [number for number in self._history if number >= proxy.first]
+            proxy.requested.update(there)
+            proxy.holes = holes(there, max(proxy.first, self._first()), self.last)
             if proxy.first < self._first():
                 proxy.requested.add(proxy.first)  # what is gone is answered by gaps
             proxy.resend_at = now
@@ -542,8 +544,10 @@ class StatefulWriter:
         proxy.resend_at = None
         octets = 0
         irrelevant: list[int] = []
+        reached: float = math.inf
         for number in sorted(proxy.requested | proxy.fragments.keys()):
             if octets >= _RESEND_OCTETS:
+                reached = number
                 break
             change = self._history.get(number)
             if change is None or number < proxy.first or not change.is_for(proxy.guid):
@@ -557,7 +561,9 @@ class StatefulWriter:
                 yield packet
                 if octets >= _RESEND_OCTETS:
                     break
-        yield from gaps(self._entity, proxy.guid, irrelevant)
+        yield from gaps(self._entity, proxy.guid, [run for run in proxy.holes if run[0] < reached])
+        proxy.holes = [run for run in proxy.holes if run[0] >= reached]
+        yield from gaps(self._entity, proxy.guid, runs(irrelevant))
         if proxy.requested or proxy.fragments:
             proxy.resend_at = now + _RESEND_PAUSE
         else:  # whether it has all of it

@@ -50,7 +50,23 @@ def find_agent(pid: int | None = None) -> RunningAgent:
     """Return the agent with this process id, or the only one.
 
     Raises:
-        ToolError: There is no such agent, or there are several.
+        ToolError: There is no such agent, or there are several and ``pid`` is None.
+    """
+    agents = chosen_agents(pid)
+    if len(agents) > 1:
+        pids = ", ".join(str(agent.pid) for agent in agents)
+        raise ToolError(
+            f"{len(agents)} agents run here: give --agent PID of one ({pids}); 'uros agent status'"
+            " shows what each serves"
+        )
+    return agents[0]
+
+
+def chosen_agents(pid: int | None = None) -> list[RunningAgent]:
+    """Return the agent with this process id, or all agents if it is None; at least one.
+
+    Raises:
+        ToolError: There is no such agent, or none at all.
     """
     agents = find_agents()
     if not agents:
@@ -60,26 +76,14 @@ def find_agent(pid: int | None = None) -> RunningAgent:
             " --no-inspection, or in another container, cannot be asked)"
         )
     if pid is None:
-        if len(agents) > 1:
-            each = " or ".join(map(_described, agents))
-            raise ToolError(f"{len(agents)} agents run here, choose one: {each}")
-        return agents[0]
+        return agents
     for agent in agents:
         if agent.pid == pid:
-            return agent
-    each = " or ".join(map(_described, agents))
-    raise ToolError(f"there is no agent with pid {pid}, choose another one: {each}")
-
-
-def _described(agent: RunningAgent) -> str:
-    """Return the option that chooses an agent, with its transports as far as it answers."""
-    option = f"--agent {agent.pid}"
-    try:
-        transports = ask(agent, "status")["transports"]
-        where = ", ".join(f"{transport['name']} {transport['label']}" for transport in transports)
-    except (ToolError, KeyError, TypeError):
-        return option
-    return f"{option} ({where})"
+            return [agent]
+    pids = ", ".join(str(agent.pid) for agent in agents)
+    raise ToolError(
+        f"there is no agent with pid {pid}, but {pids}; 'uros agent status' shows what each serves"
+    )
 
 
 def ask(agent: RunningAgent, question: str) -> dict[str, Any]:

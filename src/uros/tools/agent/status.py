@@ -7,17 +7,25 @@ import json
 import shutil
 import sys
 import time
-from typing import Any, Final
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Final
 
 from ...printable import printable_ascii as plain
 from ...printable import unguarded
 from ..common import positive_float, positive_int
+from ..errors import ToolError
+from ..waiting import warn
+
+if TYPE_CHECKING:
+    from .running_agents import RunningAgent
 
 NAME: Final = "status"
-_HELP: Final = "print the state of a running agent: its transports and its boards"
+_HELP: Final = "print the state of the running agents: their transports and their boards"
 _WATCH: Final = 2.0
 # The least width of a column of text on a narrow terminal.
 _LEAST: Final = 8
+# How many devices of one agent the table of several agents names.
+_NAMED: Final = 3
 
 Snapshot = dict[str, Any]
 
@@ -27,13 +35,19 @@ def add_parser(transports: Any) -> None:
     parser = transports.add_parser(NAME, help=_HELP, description=_HELP)
     parser.add_argument(
         "--agent", type=positive_int, metavar="PID",
-        help="process id of the agent, if several run here",
+        help="process id of an agent (default: all that run here)",
     )  # fmt: skip
     parser.add_argument(
         "--watch", nargs="?", type=positive_float, const=_WATCH, metavar="SECONDS",
         help=f"print again at this period (default: {_WATCH:g}) until Ctrl-C",
     )  # fmt: skip
-    parser.add_argument("--json", action="store_true", help="print the agent's answer as JSON")
+    parser.add_argument(
+        "--json", action="store_true", help="print each agent's answer as a line of JSON"
+    )
+    parser.add_argument(
+        "--check", action="store_true",
+        help="print a line for each agent; exit status 1 unless all of them can serve boards",
+    )  # fmt: skip
     parser.add_argument(
         "-v", "--verbose", action="store_true",
         help="print the topics and services of each board too",
@@ -43,21 +57,27 @@ def add_parser(transports: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print the state once, or repeatedly with ``--watch``.
 
-    Raises:
-        ToolError: No agent runs, several run, or it does not answer.
-    """
-    from .running_agents import ask, find_agent
+    Returns:
+        0; with ``--check`` 1 if an agent cannot serve boards.
 
-    agent = find_agent(args.agent)
-    before: Snapshot | None = None
+    Raises:
+        ToolError: No agent runs, or none answers.
+    """
+    from .running_agents import chosen_agents
+
+    agents = chosen_agents(args.agent)
+    if args.check:
+        return _check(agents, args.json)
+    before: dict[int, Snapshot] = {}
     while True:
-        snapshot = ask(agent, "status")
+        snapshots = _ask_all(agents)
         if args.json:
-            print(json.dumps(snapshot), flush=True)
+            for snapshot in snapshots:
+                print(json.dumps(snapshot), flush=True)
         else:
             wide = sys.stdout.isatty()
             width = shutil.get_terminal_size().columns if wide else 10_000
-            text = "\n".join(page(snapshot, before, args.verbose, width))
+            text = "\n".join(_pages(snapshots, before, args.verbose, width))
             # Move to the top and clear from there, in one write: the screen does not flicker.
             if wide and args.watch:
                 print(f"\033[H\033[J{text}", file=unguarded(sys.stdout), flush=True)
@@ -67,8 +87,57 @@ def run(args: argparse.Namespace) -> int:
                 print(flush=True)
         if args.watch is None:
             return 0
-        before = snapshot
+        before = {snapshot["pid"]: snapshot for snapshot in snapshots}
         time.sleep(args.watch)
+
+
+def _check(agents: Sequence[RunningAgent], as_json: bool) -> int:
+    """Print whether each agent can serve boards; return the exit status."""
+    snapshots = _ask_all(agents)
+    for snapshot in snapshots:
+        if as_json:
+            print(json.dumps(snapshot))
+            continue
+        verdict = "ready" if snapshot.get("ready", True) else "not ready"
+        about = "; ".join([f"boards: {len(snapshot['clients'])}", *snapshot.get("problems", ())])
+        print(f"agent {snapshot['pid']}: {verdict}; {plain(about)}")
+    all_ready = all(snapshot.get("ready", True) for snapshot in snapshots)
+    return 0 if all_ready and len(snapshots) == len(agents) else 1
+
+
+def _ask_all(agents: Sequence[RunningAgent]) -> list[Snapshot]:
+    """Return the answers of the agents; an error of one of several is a warning.
+
+    Raises:
+        ToolError: None of them answers.
+    """
+    from .running_agents import ask
+
+    snapshots = []
+    errors = []
+    for agent in agents:
+        try:
+            snapshots.append(ask(agent, "status"))
+        except ToolError as error:
+            errors.append(error)
+    if not snapshots:
+        raise errors[0]
+    for one in errors:
+        warn(str(one))
+    return snapshots
+
+
+def _pages(
+    snapshots: Sequence[Snapshot], before: dict[int, Snapshot], verbose: bool, width: int
+) -> list[str]:
+    """Return the lines for all agents: a page of one agent, a table of several, or their pages."""
+    if len(snapshots) > 1 and not verbose:
+        return overview(snapshots, width)
+    lines: list[str] = []
+    for snapshot in snapshots:
+        lines += [""] * bool(lines)
+        lines += page(snapshot, before.get(snapshot["pid"]), verbose, width)
+    return lines
 
 
 # --- the page ---------------------------------------------------------------------------------
@@ -96,10 +165,47 @@ def page(
         lines.append(_cut(f"  in/s, out/s: messages a second{_over(snapshot, before)}", width))
     if snapshot["refused"]:
         lines += ["", *_refused(snapshot, width)]
+    for problem in snapshot.get("problems", ()):
+        lines += ["", *_wrapped(f"problem: {plain(problem)}", width, "")]
     if verbose:
         for client in clients:
             lines += ["", *_endpoints(client, width)]
     return lines
+
+
+def overview(snapshots: Sequence[Snapshot], width: int = 80) -> list[str]:
+    """Return the lines of a table of several agents: what each serves, and its boards.
+
+    Args:
+        snapshots: The agents' answers.
+        width: Columns of the terminal.
+    """
+    rows = [["AGENT", "UP", "MIDDLEWARE", "BOARDS", "DOMAINS", "SERVES"]]
+    for snapshot in snapshots:
+        nodes = [node for client in snapshot["clients"] for node in client["nodes"]]
+        domains = sorted({node["domain"] for node in nodes})
+        head = [
+            str(snapshot["pid"]), duration(snapshot["uptime"]), snapshot["middleware"],
+            str(len(snapshot["clients"])), ", ".join(map(str, domains)) or "-",
+        ]  # fmt: skip
+        for serves in _served(snapshot):
+            rows.append([*head, serves])
+            head = [""] * len(head)
+    lines = _table(rows, width, "<<<><<", 4, 5)
+    hint = "'uros agent status --agent PID' shows the boards of one agent, -v those of all."
+    return [*lines, "", *_wrapped(hint, width, "")]
+
+
+def _served(snapshot: Snapshot) -> list[str]:
+    """Return for each kind of transport what an agent listens on; at least one text."""
+    labels: dict[str, list[str]] = {}
+    for transport in snapshot["transports"]:
+        labels.setdefault(transport["name"], []).append(plain(transport["label"]))
+    texts = []
+    for name, some in labels.items():
+        more = len(some) - _NAMED
+        texts.append(f"{name} {', '.join(some[:_NAMED])}{f' and {more} more' * (more > 0)}")
+    return texts or ["-"]
 
 
 def _head(snapshot: Snapshot, before: Snapshot | None) -> str:

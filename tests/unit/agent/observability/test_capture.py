@@ -1,8 +1,10 @@
 """Captures: file content, two files of limited size, full and slow disks, a killed agent."""
 
+import errno
 import io
 import json
 import os
+import re
 import resource
 import select
 import signal
@@ -250,18 +252,109 @@ def test_files_that_are_recognised_as_captures(tmp_path):
 # --- disks --------------------------------------------------------------------------------------
 
 
-def test_a_full_disk_ends_the_capture_and_not_the_agent():
+def test_a_full_disk_pauses_the_capture_and_not_the_agent():
     with running_agent("udp", "memory") as agent:
         capture = Capture("/dev/full", HUGE, agent.agent.log, agent.agent.message_hooks)
         client = XrceClient(agent.line(), 0xCAFE)
         client.open()
-        eventually(lambda: "capture ends" in agent.said.getvalue())
-        assert client.ping() == 1
-        assert not agent.agent.message_hooks
+        eventually(lambda: "capture pauses" in agent.said.getvalue())
+        for _ in range(20):
+            assert client.ping() == 1
+        assert capture.trouble() == "nothing is captured into /dev/full: No space left on device"
         capture.close()
+        assert not agent.agent.message_hooks
     log = agent.said.getvalue()
     assert "No space left on device (make room, or capture to another disk" in log
-    assert log.count("capture ends") == 1
+    assert log.count("capture pauses") == 1
+    assert re.search(r"capture closed +\| file: /dev/full, messages: 0, lost: \d+", log)
+
+
+class Disk:
+    """A disk that is full when the test says so; it may take a part of what is written."""
+
+    def __init__(self, monkeypatch):
+        self.room = None  # bytes; None: as many as come
+        self.real = os.write
+        self.real_open = os.open
+        monkeypatch.setattr(captures.os, "write", self.write)
+        monkeypatch.setattr(captures.os, "open", self.open)
+
+    def write(self, file, data):
+        if self.room is not None:
+            if not self.room:
+                raise OSError(errno.ENOSPC, "No space left on device")
+            data = data[: self.room]
+            self.room -= len(data)
+        return self.real(file, data)
+
+    def open(self, path, flags, *mode, **more):
+        if self.room == 0 and flags & os.O_CREAT:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return self.real_open(path, flags, *mode, **more)
+
+
+@pytest.mark.parametrize("name", ["one.pcapng", "one.txt"])
+@pytest.mark.parametrize("room", [0, 250])
+def test_a_capture_goes_on_when_the_disk_has_room_again(tmp_path, name, room, monkeypatch):
+    path = tmp_path / name
+    disk, now = Disk(monkeypatch), [1_763_750_000_000_000_000]
+    desk = Desk(path)
+    monkeypatch.setattr(desk.message_hooks, "_clock", Clock(time_ns=lambda: now[0]))
+    written = desk.capture
+
+    def say(number, at):
+        """A message at so many seconds; wait until it is handled."""
+        now[0] = 1_763_750_000_000_000_000 + at * 1_000_000_000
+        desk.say(PING + bytes([number]))
+        eventually(lambda: written._taken == written._put)
+
+    say(1, 0)
+    eventually(lambda: written.written == 1)
+    disk.room = room
+    for number in range(2, 6):
+        say(number, 1)
+    eventually(lambda: written._paused)
+    say(6, 7)  # tried again, in vain
+    eventually(lambda: written._failed_at == now[0] // 1000)
+    say(7, 8)
+    disk.room = None
+    say(8, 10)  # not tried: it was only 3 s ago
+    say(9, 13)
+    eventually(lambda: not written.trouble())
+    say(10, 13)
+    said = desk.close()
+    assert said.count("capture pauses") == 1
+    (record,) = re.findall(r"capture goes on +\| file: .*, messages not captured: (\d+)", said)
+    faults = []
+    records = list(read(path, faults.append))
+    numbers = [record.message[-1] for record in records]
+    kept = len(numbers) - 3
+    assert numbers == [1, *range(2, 2 + kept), 9, 10] and not faults
+    assert 0 < kept < 4 if room else not kept
+    assert int(record) == 7 - kept == records[-2].lost
+    assert records[-1].lost == 0
+
+
+def test_a_disk_that_is_full_while_the_file_is_rotated(tmp_path, monkeypatch):
+    path = tmp_path / "one.txt"
+    disk, now = Disk(monkeypatch), [0]
+    desk = Desk(path, 400)
+    monkeypatch.setattr(desk.message_hooks, "_clock", Clock(time_ns=lambda: now[0]))
+    for number in range(1, 12):
+        if number == 4:
+            disk.room = 0
+        elif number == 8:
+            disk.room = None
+            now[0] = 6_000_000_000
+        desk.say(bytes([number]) * 8)
+        eventually(lambda: desk.capture._taken == desk.capture._put)
+        if number in (4, 8):
+            eventually(lambda full=number == 4: bool(desk.capture.trouble()) == full)
+    said = desk.close()
+    assert said.count("capture pauses") == said.count("capture goes on") == 1
+    kept = [record for each in (f"{path}.1", path) for record in read(each, print)]
+    assert [record.message[0] for record in kept][-3:] == [9, 10, 11]
+    assert sum(record.lost for record in kept) == 4
 
 
 @pytest.mark.parametrize("name", ["one.pcapng", "one.txt"])

@@ -298,8 +298,8 @@ def test_the_port_is_logged_and_a_second_agent_on_it_names_the_remedy():
             assert b"uros_clients 0.0" in answer.read()
         with process("udp4", "-p", 0, "-m", "memory", "--metrics", port) as second:
             second.until(
-                f"uros: --metrics: TCP port {port} is in use, perhaps by another agent: choose"
-                " another, or 0 for any that is free"
+                rf"uros: --metrics: TCP port {port} is in use by another agent \(pid"
+                rf" {first.popen.pid}\): choose another, or 0 for any that is free"
             )
             while second.read():
                 pass

@@ -55,6 +55,8 @@ class Owner:
         self.clock = self.agent.clock
         self.transports = [self.desk.place]
         self.started = time.monotonic()
+        self.middleware_fails = False
+        self.troubles = []
         self.calls = []
 
     def wake_at(self, seconds, call):
@@ -93,7 +95,7 @@ def test_a_board_with_a_publisher_and_a_subscription(owner):
     snapshot_taken = owner.see()
     assert set(snapshot_taken) == {
         "version", "pid", "uptime", "middleware", "rss", "cpu", "fds", "limits", "max_clients",
-        "memory_full", "transports", "clients", "refused",
+        "memory_full", "ready", "problems", "refusals", "transports", "clients", "refused",
     }  # fmt: skip
     assert (snapshot_taken["version"], snapshot_taken["middleware"], snapshot_taken["refused"]) == (
         1,

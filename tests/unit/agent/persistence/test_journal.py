@@ -217,7 +217,7 @@ def test_a_file_of_a_newer_version_is_not_changed(tmp_path):
     path = tmp_path / "f"
     whole = fill(path, 1).replace(b"uros state 1\n", b"uros state 2\n")
     path.write_bytes(whole)
-    with pytest.raises(JournalError, match="another version of uros .'2'."):
+    with pytest.raises(JournalError, match="a newer uros wrote it .format 2, this one has 1."):
         open_journal(str(path))
     assert path.read_bytes() == whole
 

@@ -207,3 +207,13 @@ def test_without_delivery_control_one_sample_is_awaited_for_ever(stream):
     talk.source.samples += [b"late", b"later"]
     assert talk.pump() == [b"late"]
     assert talk.delivery.finished(talk.now)
+
+
+@pytest.mark.parametrize("stream", STREAMS)
+def test_the_session_tells_that_samples_were_sent(stream):
+    talk = Talk([], (0xFFFF, 0, 0, 0), stream)
+    talk.pump()
+    assert not talk.session.delivered
+    talk.source.samples = [b"1234"]
+    talk.pump()
+    assert talk.session.delivered

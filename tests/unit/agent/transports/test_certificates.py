@@ -147,6 +147,67 @@ def test_warnings_about_dates(authority, tmp_path):
     assert Certificates(*early).doubt().startswith("certificate is not yet valid")
 
 
+def test_each_file_that_ends_is_named_with_the_day(tmp_path):
+    day = datetime.timedelta(days=1)
+    now = datetime.datetime.now(datetime.timezone.utc)
+    authority = Authority(tmp_path)
+    files = *authority.agent(not_before=now - day, not_after=now + 400 * day), authority.ca
+    certificates = Certificates(*files, authority.revoke(days=60))
+
+    def doubts(days):
+        return certificates.doubts((now + days * day).timestamp())
+
+    assert doubts(0) == []
+    (early,) = doubts(-3)
+    assert early.startswith(f"--tls-cert {files[0]} is valid from {now - day:%Y-%m-%d} on")
+    (soon,) = doubts(40)
+    assert soon == (
+        f"--tls-crl {tmp_path}/crl.pem: a revocation list ends on {now + 60 * day:%Y-%m-%d}:"
+        " make a new one before"
+    )
+    cert, ended = doubts(390)
+    assert cert.startswith(f"--tls-cert {files[0]} expires on {now + 400 * day:%Y-%m-%d}")
+    assert f"ended on {now + 60 * day:%Y-%m-%d}, so no board of its CA is admitted" in ended
+    assert any("expired on" in doubt and files[0] in doubt for doubt in doubts(401))
+    assert any(f"--tls-ca {authority.ca} expired on" in doubt for doubt in doubts(1000 * 365))
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("", "holds no revocation list in PEM form"),
+        ("-----BEGIN X509 CRL-----\nAAAA\n-----END X509 CRL-----\n", "holds no valid revocation"),
+        ("{crl}{cert}", "or something else too"),
+    ],
+)
+def test_a_file_that_is_no_revocation_list(authority, files, tmp_path, content, said):
+    crl = tmp_path / "list.pem"
+    texts = {"crl": Path(authority.revoke()).read_text(), "cert": files[0].read_text()}
+    crl.write_text(content.format(**texts))
+    with pytest.raises(TransportError) as error:
+        Certificates(str(files[0]), str(files[1]), authority.ca, str(crl))
+    assert error.value.strerror.startswith(f"--tls-crl {crl} ") and said in error.value.strerror
+
+
+def test_a_form_that_openssl_accepts_and_we_cannot_read_is_used_without_its_dates(
+    authority, files, monkeypatch
+):
+    def unusual(*_):
+        raise ValueError("an unusual form")
+
+    for name in ("certificate", "certificates_in", "revocation_lists_in"):
+        monkeypatch.setattr(module, name, unusual)
+    paths = str(files[0]), str(files[1]), authority.ca, authority.revoke()
+    certificates = Certificates(*paths)
+    assert certificates.context() and certificates.doubts(0.0) == []
+    assert not certificates.is_revoked(b"anything")
+
+
+def test_a_revocation_list_needs_a_ca(authority, files):
+    with pytest.raises(TransportError, match="no effect without --tls-ca"):
+        Certificates(str(files[0]), str(files[1]), None, authority.revoke())
+
+
 def test_files_that_change(authority, files):
     cert, key = files
     certificates = Certificates(str(cert), str(key))
@@ -186,4 +247,4 @@ def test_any_file_content_is_used_or_refused(files, data):
     except TransportError as error:
         assert error.strerror.startswith("--tls-")
     else:
-        contents.doubt()
+        contents.doubts(0.0)

@@ -139,10 +139,60 @@ def test_bytes_without_frames_are_logged_until_frames_arrive(pair):
         pair.feed(b"a" * 300)
     assert len(pair.host.warnings()) == 3  # after 512, 1024 and 2048 more
     assert "no frames among the bytes" in pair.host.warnings()[0]
-    assert "device: /dev/test, skipped: 600, crc_errors: 0 (wrong baud" in pair.host.warnings()[0]
+    assert (
+        f"device: /dev/test, skipped: 600, crc_errors: 0 (text, such as '{'a' * 40}': the board's"
+        " console, or firmware without micro-ROS on this port)"
+    ) in pair.host.warnings()[0]
     for _ in range(20):
         pair.feed(b"a" * 300 + framed(b"x", 1))
     assert len(pair.host.warnings()) == 3
+
+
+NOISE = bytes(range(128, 168))
+
+
+def test_noise_without_a_frame_is_logged_soon_with_rates_to_try(pair):
+    pair.line.baud = 115200
+    pair.feed(NOISE[:20])
+    assert [call[0] for call in pair.host.calls] == [module.FIRST_LOOK]
+    assert pair.host.warnings() == []
+    pair.feed(NOISE[20:])
+    pair.host.fire()
+    assert pair.host.warnings() == [
+        "TestAgent | no frames among the bytes | device: /dev/test, skipped: 40, crc_errors: 0"
+        " (the board's rate is probably not 115200 baud: try --baudrate 921600, 9600, 57600 or"
+        " 460800; or stop this agent, and 'uros doctor --dev /dev/test' finds the rate)"
+    ]
+    pair.feed(NOISE)
+    assert pair.host.calls == [] and len(pair.host.warnings()) == 1
+
+
+def test_noise_before_the_first_frame_is_no_wrong_rate(pair):
+    pair.feed(NOISE)
+    pair.feed(framed(b"one", 1))
+    pair.host.fire()
+    pair.feed(NOISE)
+    assert pair.host.warnings() == [] and pair.host.calls == []
+
+
+def test_a_few_bytes_and_text_at_the_start_of_a_board_are_no_noise(pair):
+    pair.feed(NOISE[:3])  # of a cable that is plugged in
+    pair.host.fire()
+    pair.feed(b"rst:0x1 (POWERON_RESET),boot:0x13\r\n")
+    pair.host.fire()
+    assert pair.host.warnings() == [] and pair.host.calls == []
+
+
+def test_noise_of_a_stream_that_is_gone_is_not_logged(pair):
+    pair.feed(NOISE)
+    pair.board.close()
+    pair.plug()
+    pair.host.fire()
+    assert pair.host.warnings() == []
+    pair.feed(NOISE)
+    pair.host.fire()
+    assert len(pair.host.warnings()) == 1
+    assert "(another program than a micro-ROS client?)" in pair.host.warnings()[0]
 
 
 @settings(max_examples=examples(60), deadline=None)

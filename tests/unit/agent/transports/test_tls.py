@@ -2,12 +2,15 @@
 
 import datetime
 import random
+import re
 import socket
 import ssl
 import struct
 import subprocess
 import threading
 import time
+from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -191,7 +194,7 @@ def test_an_expired_certificate(strict, version):
     context = at(strict[1].client(), version)
     context.load_cert_chain(cert, key)
     log = refusals(strict, context)
-    assert "its certificate is refused (certificate has expired)" in log
+    assert "its certificate has expired: give the board a new one" in log
 
 
 @VERSIONS
@@ -454,8 +457,150 @@ def test_an_expired_certificate_of_the_agent_is_logged_at_the_start(tmp_path):
     now = datetime.datetime.now(datetime.timezone.utc)
     files = Authority(tmp_path).agent(not_after=now - datetime.timedelta(days=1))
     with serving(RunningAgent(tls_server(0, "127.0.0.1", *files, None), "memory", 0, 4)) as agent:
-        log = agent.said.getvalue()
-        assert "boards will not trust this agent" in log and "certificate has expired" in log
+        day = f"{now - datetime.timedelta(days=1):%Y-%m-%d}"
+        said = agent.said.getvalue()
+        assert re.search(
+            rf"boards may not connect +\| --tls-cert {files[0]} expired on {day}", said
+        )
+
+
+# --- revocation and rotation ---------------------------------------------------------------------
+
+
+@contextmanager
+def revoking(authority, crl):
+    """An agent that refuses what the revocation list has."""
+    server = tls_server(0, "127.0.0.1", *authority.agent(), authority.ca, crl)
+    with serving(RunningAgent(server, "memory", 0, 4)) as running:
+        yield running
+
+
+def reload(agent):
+    agent.server.soon(agent.transport.reload)
+
+
+@VERSIONS
+def test_a_revoked_certificate_is_refused_and_named(tmp_path, version):
+    authority = Authority(tmp_path)
+    lost = authority.issue("lost")
+    with revoking(authority, authority.revoke(lost[0])) as agent:
+        context = at(authority.client(), version)
+        context.load_cert_chain(*lost)
+        log = refusals((agent, authority), context)
+        assert "its certificate is revoked by --tls-crl: give the board a new one" in log
+        with connected(agent.transport.port, at(authority.client("left"), version)) as sock:
+            sock.sendall(framed(PING))
+            answers(sock, 1)
+
+
+def test_a_certificate_that_is_revoked_ends_its_connection_and_no_other(tmp_path):
+    authority = Authority(tmp_path)
+    crl = authority.revoke()
+    with revoking(authority, crl) as agent:
+        lines, clients = [], []
+        for key, name in enumerate(("left", "lost"), 1):
+            lines.append(TlsLine(agent.transport.port, authority.client(name)))
+            clients.append(XrceClient(lines[-1], key))
+            assert clients[-1].open() == ids.STATUS_OK
+        authority.revoke(tmp_path / "lost.pem", path=crl)
+        reload(agent)
+        wait_for(agent.said.getvalue, "its certificate is revoked by --tls-crl")
+        wait_for(agent.said.getvalue, "delete                         | client_key: 0x00000002")
+        assert list(agent.agent.clients) == [1]
+        assert clients[0].ping()
+        for line in lines:
+            line.close()
+
+
+def test_a_changed_list_is_used_without_a_signal_from_the_next_handshake_on(tmp_path):
+    authority = Authority(tmp_path)
+    crl = authority.revoke()
+    with revoking(authority, crl) as agent:
+        lost = authority.client("lost")
+        stays = connected(agent.transport.port, lost)
+        authority.revoke(tmp_path / "lost.pem", path=crl)
+        assert refused_by(agent, lost)
+        assert is_closed(stays)  # a new handshake has shown that the list changed
+        stays.close()
+
+
+def test_a_list_that_has_ended_admits_nobody_and_is_named_at_the_start(tmp_path):
+    authority = Authority(tmp_path)
+    with revoking(authority, authority.revoke(days=-2)) as agent:
+        log = refusals((agent, authority), authority.client("left"))
+        assert "a revocation list ended on " in log and "no board of its CA is admitted" in log
+        assert "the revocation list of --tls-crl has ended, so no board is admitted" in log
+
+
+def test_a_list_of_another_ca_admits_nobody_and_is_named_at_the_start(tmp_path):
+    authority, other = Authority(tmp_path / "a"), Authority(tmp_path / "b")
+    with revoking(authority, other.revoke()) as agent:
+        log = refusals((agent, authority), authority.client("left"))
+        assert "it has no list of one of the CAs of " in log
+        assert "--tls-crl has no list of the CA that signed its certificate" in log
+
+
+def test_two_cas_and_their_lists_are_valid_together_while_boards_change_over(tmp_path):
+    old, new = Authority(tmp_path / "old"), Authority(tmp_path / "new")
+    lists = tmp_path / "lists.pem"
+    lost = new.issue("lost")
+    parts = (old.revoke(), new.revoke(lost[0]))
+    lists.write_text("".join(Path(part).read_text() for part in parts))
+    cert, key = old.agent()
+    ca = Path(old.ca)
+    ca.write_bytes(ca.read_bytes() + Path(new.ca).read_bytes())
+    server = tls_server(0, "127.0.0.1", cert, key, old.ca, str(lists))
+    with serving(RunningAgent(server, "memory", 0, 4)) as agent:
+        for context in (old.client("left"), new.client("right", trust=old.ca)):
+            with connected(agent.transport.port, context) as sock:
+                sock.sendall(framed(PING))
+                answers(sock, 1)
+        context = new.client(trust=old.ca)
+        context.load_cert_chain(*lost)
+        assert refused_by(agent, context)
+
+
+def test_files_that_cannot_be_used_are_named_at_each_reload_and_the_former_ones_stay(tmp_path):
+    authority = Authority(tmp_path)
+    crl = authority.revoke()
+    with revoking(authority, crl) as agent:
+        for _ in range(2):
+            Path(crl).write_text("a slip of the editor")
+            reload(agent)
+        wait_for(agent.said.getvalue, "cannot use new files")
+        said = agent.said.getvalue()
+        assert f"--tls-crl {crl} holds no revocation list in PEM form" in said
+        with connected(agent.transport.port, authority.client("left")) as sock:
+            sock.sendall(framed(PING))
+            answers(sock, 1)
+        authority.revoke(path=crl)
+        reload(agent)
+        wait_for(agent.said.getvalue, "certificates loaded")
+
+
+def test_the_dates_of_the_files_are_checked_each_day():
+    times = Times()
+    host, server = Host(times), TlsServer(0, "127.0.0.1", own_certificates())
+    server.open(host)
+    now = times.time_ns()
+    times.time_ns = lambda: now + 1000 * 365 * 86_400 * 1_000_000_000
+    for _ in range(2):
+        assert [seconds for seconds, _ in host.calls].count(86_400.0) == 1
+        host.fire()
+    warnings = [text for text in host.warnings() if "expired on" in text]
+    assert len(warnings) == 2
+    server.close()
+    host.close()
+
+
+def refused_by(agent, context):
+    """Return whether the agent refuses the handshake."""
+    try:
+        with connected(agent.transport.port, context) as sock:
+            sock.sendall(framed(PING))
+            return not sock.recv(100)
+    except (ssl.SSLError, ConnectionError):
+        return True
 
 
 @pytest.mark.parametrize(("present", "missing"), [((1, 0, 0), "key"), ((0, 1, 0), "cert"),
@@ -493,6 +638,9 @@ class Times:
     def thread_time(self):
         self.cpu += self.cost
         return self.cpu
+
+    def time_ns(self):
+        return time.time_ns()
 
 
 @pytest.fixture

@@ -2,6 +2,7 @@
 
 import itertools
 import random
+import tracemalloc
 
 import pytest
 
@@ -93,6 +94,48 @@ def test_samples_that_keep_last_has_dropped_are_answered_by_gaps():
     answers = sent(writer.poll(0.0), READERS[0])
     assert numbers(answers) == {1, 2, 3}
     assert [answer.number for answer in answers if isinstance(answer, Data)] == [4, 5]
+
+
+def test_a_late_reader_costs_what_is_in_the_history_not_what_was_ever_written():
+    """One key stays, another one has had a million samples: as endpoints that come and go."""
+    writer = writer_with([], transient_local=True)
+    write(writer)
+    writer.last = 1_000_000
+    write(writer)
+    tracemalloc.start()
+    try:
+        writer.match(READERS[0], True, True, 0.0)
+        ask(writer, READERS[0], 1)
+        answer = sent(writer.poll(0.0), READERS[0])
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert [each.number for each in answer if isinstance(each, Data)] == [1, 1_000_001]
+    (gap,) = [each for each in answer if isinstance(each, Gap)]
+    assert (gap.start, gap.base, gap.irrelevant) == (2, 1_000_001, ())
+    assert peak < 100_000
+
+
+def test_a_late_reader_waits_for_no_number_that_is_not_in_the_history():
+    """Whatever is left of a history, and in however many polls it is sent."""
+    chance = random.Random(3)
+    for _ in range(200):
+        writer = writer_with([], transient_local=True)
+        kept = set()
+        for _ in range(chance.randrange(1, 40)):
+            writer.last += chance.choice([0, 0, 1, 3, 300])
+            write(writer, bytes(chance.choice([8, 90, 4000])))
+            kept.add(writer.last)
+        writer.match(READERS[0], True, True, 0.0)
+        ask(writer, READERS[0], 1)
+        answer, now = [], 0.0
+        while writer.readers[READERS[0]].resend_at is not None:
+            answer += sent(writer.poll(now), READERS[0])
+            now += 0.1
+        got = {each.number for each in answer if isinstance(each, (Data, DataFrag))}
+        assert got == kept
+        assert numbers(answer) | got >= set(range(min(kept), max(kept) + 1))
+        assert not numbers(answer) & got
 
 
 def test_a_directed_sample_is_a_gap_for_the_others_at_once():

@@ -2,8 +2,11 @@
 
 import argparse
 import gc
+import json
 
 import pytest
+from support.client import XrceClient
+from support.lines import UdpLine
 from unit.agent.transports.test_process import agent as process
 
 from uros.agent.server import Server
@@ -54,6 +57,27 @@ def options(line):
 def test_ports(line, name, listens_on, port):
     (one,) = made(line)
     assert (one.name, one.listens_on, one.port) == (name, listens_on, port)
+
+
+@pytest.mark.parametrize(
+    "line, devices, more",
+    [
+        ("multiserial --devs /dev/A /dev/B udp4 --port 1", ["/dev/A", "/dev/B"], "udp4"),
+        ("multiserial -D /dev/A tcp6", ["/dev/A"], "tcp6"),
+        ("multiserial --dev /dev/A serial --dev /dev/B", ["/dev/A"], "serial"),
+        ("multiserial --devs /dev/A -b 9600 udp4", ["/dev/A"], "udp4"),
+        ("multiserial --devs /dev/A ./udp4", ["/dev/A", "./udp4"], None),
+    ],
+)
+def test_a_transport_ends_the_devices_of_multiserial(line, devices, more):
+    first, *rest = parts(line)
+    assert first.devs == devices
+    assert [part.transport for part in rest] == ([more] if more else [])
+
+
+def test_a_device_may_have_the_name_of_a_transport():
+    (part,) = parts("serial --dev udp4")
+    assert part.dev == "udp4"
 
 
 def test_serial_devices():
@@ -168,6 +192,23 @@ def test_the_domain_of_the_agent_for_boards_that_ask_for_255(text, domain, monke
     assert options("udp4").domain is None
 
 
+def test_each_line_of_a_json_log_is_an_object_from_the_first_to_the_last():
+    with process("udp4", "-p", 0, "-m", "memory", "--log-format", "json", "-v", 6) as one:
+        port = int(one.until(r"\"running...\", \"about\": \"port: (\d+)")[1])
+        line = UdpLine(port)
+        client = XrceClient(line, 0x4B0CBE99)
+        client.open()
+        client.participant("\x1b[2J\n{}")
+        line.close()
+        assert one.end() == 0
+        logged = [json.loads(text) for text in one.text.splitlines()]
+    keys = {"time", "level", "part", "function", "event", "about"}
+    assert all(set(each) - {"client_key"} == keys for each in logged)
+    events = [each["event"] for each in logged if each.get("client_key") == "0x4B0CBE99"]
+    assert {"create", "session established", "delete"} <= set(events)
+    assert logged[-1]["event"] == "server stopped"
+
+
 # --- groups of options ----------------------------------------------------------------------
 
 
@@ -188,7 +229,7 @@ def test_each_group_has_defaults_for_exactly_its_options(group):
     [
         ([], "uros agent: error: name a transport (udp4, udp6, tcp4, tcp6, serial, "),
         ([], "such as: uros agent udp4 --port 8888"),
-        (["udp"], "; did you mean 'udp6' or 'udp4'?"),
+        (["udp"], "; did you mean 'udp4' or 'udp6'?"),
         (["UDP4"], "; did you mean 'udp4'?"),
         (["udp4", "seriall"], "; did you mean 'serial'?"),
         (["bluetooth"], "choose from"),

@@ -198,13 +198,15 @@ def test_status_of_a_running_agent_and_of_one_of_two():
         with process("udp4", "-p", 0, "-m", "memory") as second:
             second.until("status socket open")
             done = run()
-            assert done.returncode == 1 and "choose one: --agent " in done.stderr
-            assert str(pid) in done.stderr and str(second.popen.pid) in done.stderr
+            assert done.returncode == 0 and "--agent PID" in done.stdout
+            rows = {row[0]: row for line in done.stdout.splitlines() if (row := line.split())}
+            assert rows[str(pid)][-3:] == ["UDPv4Agent", "port", str(port)]
+            assert rows[str(pid)][-5:-3] == ["1", "0"] and str(second.popen.pid) in rows
             assert json.loads(run("--agent", second.popen.pid, "--json").stdout)["clients"] == []
             assert second.end() == 0
         done = run("--agent", 1)
         assert done.returncode == 1
-        assert "there is no agent with pid 1, choose another one: --agent " in done.stderr
+        assert "there is no agent with pid 1, but " in done.stderr and str(pid) in done.stderr
         line.close()
         assert first.end() == 0
 
@@ -238,22 +240,67 @@ def test_without_an_agent_the_error_has_the_remedy(monkeypatch):
         command.run(parser().parse_args(["status"]))
 
 
-def test_several_agents_are_listed_with_their_transports(monkeypatch):
-    agents = [running_agents.RunningAgent(pid, Path("x")) for pid in (41, 42)]
+SEVERAL = """\
+AGENT  UP         MIDDLEWARE  BOARDS  DOMAINS  SERVES
+4711   2 h 5 min  auto             1  3        UDPv4Agent port 8888
+                                               SerialAgent /dev/ttyACM0
+4712   12 s       memory           0  -        MultiSerialAgent A, B, C and 2 more
+4713   2 h 5 min  auto             0  -        -
+
+'uros agent status --agent PID' shows the boards of one agent, -v those of all."""
+
+
+def agents_that_answer(monkeypatch, *answers):
+    """The agents of this machine; an answer may be an error."""
+    agents = [running_agents.RunningAgent(4711 + at, Path("x")) for at in range(len(answers))]
 
     def ask(agent, question):
-        if agent.pid == 42:
-            raise ToolError("busy")
-        return {"transports": [{"name": "UDPv4Agent", "label": "port 8888"}]}
+        answer = answers[agent.pid - 4711]
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
 
     monkeypatch.setattr(running_agents, "find_agents", lambda: agents)
     monkeypatch.setattr(running_agents, "ask", ask)
-    for verb in (["agent", "status"], ["trace"]):
-        assert cli.main(verb) == 1
-    with pytest.raises(ToolError) as error:
-        running_agents.find_agent()
-    assert str(error.value) == (
-        "2 agents run here, choose one: --agent 41 (UDPv4Agent port 8888) or --agent 42"
+
+
+def test_several_agents_are_listed_with_what_each_serves(monkeypatch, capsys):
+    lines = [{"name": "MultiSerialAgent", "label": label} for label in "ABCDE"]
+    agents_that_answer(
+        monkeypatch,
+        snapshot(),
+        snapshot(pid=4712, uptime=12, middleware="memory", clients=[], transports=lines),
+        snapshot(pid=4713, clients=[], transports=[]),
+    )
+    assert cli.main(["agent", "status"]) == 0
+    assert capsys.readouterr().out.rstrip() == SEVERAL
+    assert max(map(len, status.overview([snapshot()] * 2, 60))) <= 60
+    # All pages, and all answers for programs.
+    monkeypatch.setattr(running_agents, "ask", lambda agent, _: snapshot(pid=agent.pid))
+    assert cli.main(["agent", "status", "-v"]) == 0
+    printed = capsys.readouterr().out
+    assert [line for line in printed.splitlines() if " up " in line][1].startswith("agent 4712, up")
+    assert cli.main(["agent", "status", "--json"]) == 0
+    answers = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [answer["pid"] for answer in answers] == [4711, 4712, 4713]
+
+
+def test_of_several_agents_one_does_not_answer(monkeypatch, capsys):
+    agents_that_answer(monkeypatch, snapshot(), ToolError("busy"))
+    assert cli.main(["agent", "status"]) == 0
+    printed = capsys.readouterr()
+    assert printed.out.startswith("agent 4711, up ") and printed.err == "WARNING: busy\n"
+    agents_that_answer(monkeypatch, ToolError("busy"), ToolError("lost"))
+    assert cli.main(["agent", "status"]) == 1
+    assert capsys.readouterr().err == "uros: busy\n"
+
+
+def test_a_command_for_one_agent_names_all_of_them(monkeypatch, capsys):
+    agents_that_answer(monkeypatch, snapshot(), snapshot(pid=4712))
+    assert cli.main(["trace"]) == 1
+    assert capsys.readouterr().err == (
+        "uros: 2 agents run here: give --agent PID of one (4711, 4712); 'uros agent status' shows"
+        " what each serves\n"
     )
 
 

@@ -3,6 +3,7 @@
 =================  ===============================================================================
 ``admission``      The options of ``uros agent`` about the admission of clients and their
                    liveliness
+``audit``          The options of ``uros agent`` about the record of refusals
 ``capture``        The options of ``uros agent`` about captures
 ``group``          A titled group of options, which states each option once: its flags, its help,
                    its default

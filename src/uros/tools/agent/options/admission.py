@@ -29,8 +29,9 @@ def dead_time(text: str) -> float:
 
 
 OPTIONS: Final = OptionGroup(
-    "admission", "A rules file (--control) can hold these too, in its table [admission]."
-)
+    "admission", "A rules file (--control) can hold these too, in its table [admission].",
+    table="admission",
+)  # fmt: skip
 OPTIONS.add(
     "--allow-key", metavar="KEY", action="append",
     help="admit only clients with these keys (0x4B0CBE99, or a decimal number); may be repeated",

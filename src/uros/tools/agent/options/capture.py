@@ -16,7 +16,9 @@ if TYPE_CHECKING:
 
 DEFAULT_SIZE: Final = 100
 
-OPTIONS: Final = OptionGroup("capture", "'uros trace' and Wireshark read captures.")
+OPTIONS: Final = OptionGroup(
+    "capture", "'uros trace' and Wireshark read captures.", table="capture"
+)
 OPTIONS.add(
     "--capture", metavar="FILE",
     help="write every message of both directions to FILE: as pcapng if the name ends with .pcapng,"

@@ -12,9 +12,13 @@ class OptionGroup:
     Args:
         title: The title; without one the options stand among the general ones.
         description: A sentence below the title.
+        table: The table of a configuration file that has these options.
     """
 
-    def __init__(self, title: str | None = None, description: str | None = None) -> None:
+    def __init__(
+        self, title: str | None = None, description: str | None = None, table: str = "agent"
+    ) -> None:
+        self.table = table
         self.defaults: dict[str, Any] = {}
         self._title = title
         self._description = description
@@ -42,3 +46,19 @@ class OptionGroup:
             group = parser.add_argument_group(self._title, self._description)
         for flags, keywords in self._options:
             group.add_argument(*flags, default=argparse.SUPPRESS, **keywords)
+
+    def declare_hidden(
+        self, parser: argparse.ArgumentParser, prefix: str, shown: tuple[str, ...] = ()
+    ) -> None:
+        """Add the options to a parser, with a prefix before their attributes.
+
+        Args:
+            parser: The parser.
+            prefix: The prefix.
+            shown: The attributes of the options that are in the help.
+        """
+        for (flags, keywords), name in zip(self._options, self.defaults, strict=True):
+            hidden = {**keywords, "dest": prefix + name}
+            if name not in shown:
+                hidden["help"] = argparse.SUPPRESS
+            parser.add_argument(*flags, default=argparse.SUPPRESS, **hidden)

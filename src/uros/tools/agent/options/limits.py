@@ -23,7 +23,7 @@ def _message_size(text: str) -> int:
 
 
 OPTIONS: Final = OptionGroup(
-    "limits", "The agent refuses what exceeds a limit, and logs a warning."
+    "limits", "The agent refuses what exceeds a limit, and logs a warning.", table="limits"
 )
 OPTIONS.add(
     "--max-objects", type=positive_int, metavar="N",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
 
 from ...common import domain, positive_float, positive_int
@@ -11,10 +12,15 @@ from .group import OptionGroup
 
 if TYPE_CHECKING:
     from ....agent.policy.rules import Rules
+    from ..config.file import Config
+
+# The options that make the rule for all boards.
+RULE: Final = ("namespace", "max_rate", "max_size", "remap", "qos")
 
 OPTIONS: Final = OptionGroup(
-    "rules for all boards", "A rules file (--control) can hold rules for single boards."
-)
+    "rules for all boards", "A rules file (--control) can hold rules for single boards.",
+    table="rules",
+)  # fmt: skip
 OPTIONS.add(
     "--domain", type=domain, metavar="N",
     help="ROS domain of all boards (default: the one that each board asks for)",
@@ -43,35 +49,62 @@ OPTIONS.add(
 )  # fmt: skip
 
 
-def make_rules(options: argparse.Namespace) -> Rules:
-    """Make the rules: those of the files in their order, then those of the command line.
+def make_rules(options: argparse.Namespace, config: Config | None = None) -> Rules:
+    """Make the rules. Where several apply, the later one wins.
+
+    Their order: the table ``[rules]`` of the configuration, the files of ``--control``, the tables
+    ``[[client]]`` of the configuration, the command line.
+
+    Args:
+        options: The options of the command line; ``control`` is that of the configuration if the
+            command line has none.
+        config: The configuration file.
 
     Raises:
         ConfigError: A rule is wrong.
         ToolError: An option is malformed.
     """
-    from ....agent.policy.config_values import ConfigError
     from ....agent.policy.rules import Rules
 
     rules = Rules()
+    if config is not None and (rule := rule_of(config.options)):
+        _add(rules, rule, f"{config.path}: [rules]")
     for file in options.control:
         rules.load(file)
+    if config is not None:
+        for table in config.clients:
+            rules.add(table)
+    if rule := rule_of(vars(options)):
+        _add(rules, rule, "the command line")
+    return rules
+
+
+def _add(rules: Rules, rule: dict[str, Any], where: str) -> None:
+    from ....agent.policy.config_values import ConfigError
+
+    try:
+        rules.add(rule)
+    except ConfigError as error:
+        raise ConfigError(f"{where}: {error}") from error
+
+
+def rule_of(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the rule for all boards that options make, empty if they make none.
+
+    Raises:
+        ToolError: An option is malformed.
+    """
     rule: dict[str, Any] = {
         name: value
         for name in ("namespace", "max_rate", "max_size")
-        if (value := getattr(options, name)) is not None
+        if (value := options.get(name)) is not None
     }
-    if options.remap:
-        rule["remap"] = _remap(options.remap)
-    for text in options.qos:
+    if renamed := options.get("remap"):
+        rule["remap"] = _remap(renamed)
+    for text in options.get("qos") or []:
         topic, fields = _qos(text)
         rule.setdefault("qos", {}).setdefault(topic, {}).update(fields)
-    try:
-        if rule:
-            rules.add(rule)
-    except ConfigError as error:
-        raise ConfigError(f"the command line: {error}") from error
-    return rules
+    return rule
 
 
 def _remap(texts: list[str]) -> dict[str, str]:

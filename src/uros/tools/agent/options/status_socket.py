@@ -46,7 +46,9 @@ def _node(text: str) -> str:
     return text
 
 
-OPTIONS: Final = OptionGroup("monitoring", "'uros agent status' shows the state of an agent.")
+OPTIONS: Final = OptionGroup(
+    "monitoring", "'uros agent status' shows the state of an agent.", table="monitoring"
+)
 OPTIONS.add(
     "--no-inspection", dest="inspection", action="store_false",
     help="do not open the socket of 'uros agent status', 'uros trace' and 'uros doctor'",

@@ -17,6 +17,7 @@ _TLS: Final = {
     " that lead to its CA",
     "--tls-key": "private key of the certificate: PEM, not encrypted",
     "--tls-ca": "admit only clients with a certificate that this CA signed: PEM (docs/security.md)",
+    "--tls-crl": "refuse clients with a certificate that this list of the CA revokes: PEM",
 }
 
 
@@ -57,7 +58,10 @@ def _add_serial(parser: argparse.ArgumentParser) -> None:
 
 def _add_multiserial(parser: argparse.ArgumentParser) -> None:
     which = parser.add_mutually_exclusive_group(required=True)
-    which.add_argument("-D", "--devs", metavar="DEVICE", nargs="+", help="serial devices")
+    which.add_argument(
+        "-D", "--devs", metavar="DEVICE", nargs="+",
+        help="serial devices; the name of another transport ends the list",
+    )  # fmt: skip
     which.add_argument("-f", "--file", metavar="FILE", help="file with one device on each line")
     _add_baudrate(parser)
     _add_control_lines(parser)
@@ -139,11 +143,11 @@ def _udp(args: argparse.Namespace) -> list[ServerTransport]:
 
 
 def _tcp(args: argparse.Namespace) -> list[ServerTransport]:
-    if args.tls_cert is not None or args.tls_key is not None or args.tls_ca is not None:
+    files = [args.tls_cert, args.tls_key, args.tls_ca, args.tls_crl]
+    if any(file is not None for file in files):
         from ....agent.transports.tls import tls_server
 
-        where = _anywhere(args.transport)
-        return [tls_server(args.port, where, args.tls_cert, args.tls_key, args.tls_ca)]
+        return [tls_server(args.port, _anywhere(args.transport), *files)]
     from ....agent.transports.tcp import TcpServer
 
     return [TcpServer(args.port, _anywhere(args.transport))]

@@ -1,0 +1,135 @@
+"""``uros agent check``: what a configuration contradicts, what it lacks, and how it is printed."""
+
+import datetime
+import socket
+
+import pytest
+from support.certificates import Authority
+
+from uros.tools import cli
+
+UDP = '[[transport]]\ntype = "udp4"\nport = 0\n'
+NOW = datetime.datetime.now(datetime.timezone.utc)
+
+
+@pytest.fixture
+def check(tmp_path, capsys):
+    """Return the exit status and the lines of ``uros agent check``, without the path."""
+
+    def run(text):
+        path = tmp_path / "agent.toml"
+        path.write_text(text)
+        status = cli.main(["agent", "check", str(path)])
+        printed = capsys.readouterr()
+        assert printed.err == ""
+        return status, printed.out.replace(f"{path}:", "").splitlines()
+
+    return run
+
+
+def test_a_good_file(check):
+    text = UDP + "[[client]]\nkey = 1\ndomain = 3\n"
+    assert check(text) == (0, [" good, 1 transport, 1 rule for single boards"])
+
+
+def test_a_file_that_cannot_be_read(tmp_path, capsys):
+    assert cli.main(["agent", "check", str(tmp_path / "none")]) == 1
+    assert capsys.readouterr().err == f"uros: {tmp_path}/none: No such file or directory\n"
+
+
+def test_mistakes_are_printed_in_the_order_of_lines(check):
+    status, lines = check("[limits]\nmax_objects = 0\n[agent]\nverbos = 1\n" + UDP)
+    assert status == 1 and [line.partition(":")[0] for line in lines] == ["2", "4"]
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ('[[transport]]\ntype = "udp4"\n[[transport]]\ntype = "udp4"\n',
+         "3: udp4 ([[transport]] number 1) has port 8888 already: choose another"),
+        ('[[transport]]\ntype = "tcp4"\nport = 9100\n[monitoring]\nmetrics = 9100\n',
+         "5: tcp4 ([[transport]] number 1) has port 9100 already: choose another"),
+        ('[[transport]]\ntype = "udp4"\nport = 7400\n[agent]\ndiscovery = true\n',
+         "5: udp4 has port 7400 already: choose another"),
+        ('[[transport]]\ntype = "serial"\ndev = "null"\n'
+         '[[transport]]\ntype = "multiserial"\ndevs = ["x", "null"]\n',
+         "4: [[transport]] number 1 has null already"),
+        ('[[transport]]\ntype = "serial"\ndev = "null"\nbaudrate = 0\n',
+         "1: baud rate 0 does not exist: 1 to 50000000"),
+        ('[[transport]]\ntype = "custom"\nspec = "none.py:Mine"\n', "1: "),
+        ('[[transport]]\ntype = "tcp4"\ntls_cert = "none.pem"\n', "1: --tls-key is missing"),
+        (UDP + '[agent]\nstate = "a"\n[capture]\nfile = "a"\n', "7: state is "),
+        (UDP + '[agent]\nrefs = "none"\n', "5: "),
+        (UDP + '[rules]\ncontrol = "none"\n', "5: "),
+        (UDP + '[rules]\nnamespace = "a b"\n', "5: namespace: 'a b' is no ROS name"),
+        (UDP + '[admission]\nkeys = ["zz"]\n', "4: key is 'zz', not a whole number"),
+        (UDP + "[admission]\nmax_clients = 5000\n", "5: max_clients is 5000, not a whole number"),
+        (UDP + "[limits]\nmax_memory = 1\nmax_message = 2000000\n",
+         "6: max_message is over max_memory, which has 1 MB"),
+    ],
+)  # fmt: skip
+def test_contradictions_and_missing_files_are_errors(check, text, line):
+    status, lines = check(text)
+    assert status == 1 and len([each for each in lines if "warning" not in each]) == 1
+    assert any(each.startswith(line) for each in lines), lines
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("[agent]\nverbose = 4\n", "1: warning: there is no [[transport]]"),
+        (UDP + "[capture]\nsize = 5\n", "5: warning: size has no effect without file"),
+        (UDP + "[monitoring]\ndiagnostics_node = 'a'\n",
+         "5: warning: diagnostics_node has no effect without diagnostics"),
+        ('[[transport]]\ntype = "pseudoterminal"\n[agent]\ndiscovery = true\n',
+         "4: warning: discovery has no effect without a udp or tcp transport"),
+        ('[[transport]]\ntype = "serial"\ndev = "/dev/none"\n',
+         "1: warning: /dev/none is not there now: an agent waits for it"),
+        (UDP + '[agent]\nstate = "none/a"\n', "5: warning: "),
+        (UDP + "[admission]\nkeys = [1]\n[[client]]\nkey = [1, 2]\ndomain = 1\n",
+         "6: warning: a rule for key 0x00000002, which [admission] does not admit"),
+    ],
+)  # fmt: skip
+def test_what_an_agent_starts_with_nevertheless_is_a_warning(check, text, line):
+    status, lines = check(text)
+    assert status == 0 and len(lines) == 2 and lines[0].startswith(line), lines
+    assert lines[1].endswith(", 1 warning")
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"), [("udp4", socket.SOCK_DGRAM), ("tcp4", socket.SOCK_STREAM)]
+)
+def test_a_port_that_is_taken_is_a_warning(check, name, kind):
+    with socket.socket(socket.AF_INET, kind) as sock:
+        sock.bind(("", 0))
+        if kind == socket.SOCK_STREAM:
+            sock.listen()
+        port = sock.getsockname()[1]
+        status, lines = check(f'[[transport]]\ntype = "{name}"\nport = {port}\n')
+    assert status == 0
+    assert lines[0] == (
+        f"3: warning: port {port} of {name} ([[transport]] number 1): Address already in use:"
+        " perhaps an agent with this file is running"
+    )
+
+
+@pytest.mark.parametrize(
+    ("begins", "ends", "said"),
+    [
+        (-20, -1, "--tls-cert {cert} expired on {day}: make a new one"),
+        (-20, 5, "--tls-cert {cert} expires on {day}: make a new one before"),
+        (5, 90, "is valid from {first} on: is this machine's clock right?"),
+    ],
+)
+def test_a_certificate_that_has_ended_or_will_soon_is_a_warning(
+    check, tmp_path, begins, ends, said
+):
+    authority = Authority(tmp_path)
+    first, last = NOW + datetime.timedelta(begins), NOW + datetime.timedelta(ends)
+    cert, key = authority.agent(not_before=first, not_after=last)
+    status, lines = check(
+        f'[[transport]]\ntype = "tcp4"\nport = 0\ntls_cert = "{cert}"\ntls_key = "{key}"\n'
+        f'tls_ca = "{authority.ca}"\n'
+    )
+    said = said.format(cert=cert, day=f"{last:%Y-%m-%d}", first=f"{first:%Y-%m-%d}")
+    assert status == 0 and lines[0].startswith("1: warning: ") and said in lines[0], lines
