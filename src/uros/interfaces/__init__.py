@@ -31,6 +31,7 @@ On hosts alone:
 ``emit_board``  Emitter of packing methods for boards, made for small code.
 ``emit_load``   Emitter of loading methods for boards.
 ``generate``    Source of a module from a definition.
+``stubs``       Type stubs of interface packages, for editors.
 ``package``     Board modules of a set of types, written to a folder.
 ``hook``        `load`, and the import hook for ``uros.interfaces.<package>``.
 ==============  ==================================================================================
@@ -83,7 +84,8 @@ class _Finder:
 
     @staticmethod
     def find_spec(fullname, path=None, target=None):
-        if not fullname.startswith(__name__ + "."):
+        # A hook that is not there, as after uros was removed, must not be looked for by itself.
+        if not fullname.startswith(__name__ + ".") or fullname == __name__ + ".hook":
             return None
         from .hook import find_spec
 

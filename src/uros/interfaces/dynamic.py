@@ -263,7 +263,8 @@ class _Maker:
                         raise ValueError
                     value = int(text, 0 if base in ("x", "o", "b") else 10)
                 write(code, 0, value, None, 0, 0)
-                if code != "f" or not 3.4028235677973366e38 <= abs(value) < float("inf"):
+                # Half of the limit, which also fits where floats have 32 bits.
+                if code != "f" or not 1.7014117838986683e38 <= abs(value) / 2 < float("inf"):
                     return value
         except ValueError:
             pass

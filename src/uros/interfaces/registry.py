@@ -1,15 +1,17 @@
 """Search path of interface definitions, by type name. Host only.
 
-The first match is used: folders given to `add_folder` in their order, the packaged definitions of
-the chosen distribution (see `distro`), then ``share`` of every prefix in AMENT_PREFIX_PATH. A file
-is parsed when its type is requested, so a broken file affects only its own type.
+The first match is used: folders given to `add_folder` in their order, those in UROS_INTERFACES (in
+the form of PATH), the packaged definitions of the chosen distribution (see `distro`), then
+``share`` of every prefix in AMENT_PREFIX_PATH. A file is parsed when its type is requested, so a
+broken file affects only its own type.
 """
 
 from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable
+from collections import ChainMap
+from collections.abc import Iterable, Mapping
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import Final, Union
@@ -21,8 +23,14 @@ from .parse import Action, Message, Service, parse_action, parse_msg, parse_srv
 Definition = Union[Message, Service, Action]
 
 KINDS: Final = ("msg", "srv", "action")
+VARIABLE: Final = "UROS_INTERFACES"
+"""The environment variable with folders of definitions, which `os.pathsep` separates."""
 MAX_FILE: Final = 1 << 20
 """Largest definition file, in bytes; a larger one is rejected."""
+# The most types that are suggested for an unknown one.
+_SUGGESTED: Final = 3
+# How much less close than the closest one a type may be that is suggested beside it, of 1.
+_BESIDE: Final = 0.1
 _SKIP: Final = {"node_modules", "__pycache__"}
 _SECTION: Final = {
     "srv": re.compile(r"([^_]+)_(Request|Response)"),
@@ -47,7 +55,8 @@ def normalize(name: str) -> str:
         candidates = [f"{parts[0]}/{kind}/{parts[1]}" for kind in KINDS]
         return next((full for full in candidates if _find(full) is not None), candidates[0])
     if len(parts) != 3 or not all(parts) or parts[1] not in KINDS:
-        raise InterfaceError(f"bad type name {name!r}; write it as std_msgs/msg/Int32")
+        meant = _meant(name) or "; write it as std_msgs/msg/Int32"
+        raise InterfaceError(f"bad type name {name!r}{meant}")
     return "/".join(parts)
 
 
@@ -59,6 +68,14 @@ def add_folder(path: str | os.PathLike[str]) -> list[str]:
     package.xml beside the msg folder overrides the folder's name. Call it before the types are
     loaded: a loaded class is not replaced.
     """
+    names = _definitions_in(path)
+    for name, file in names.items():
+        _added.setdefault(name, file)
+    _definition.cache_clear()
+    return sorted(names)
+
+
+def _definitions_in(path: str | os.PathLike[str]) -> dict[str, Path]:
     root = Path(path).resolve()
     if not root.is_dir():
         raise InterfaceError(f"{path}: no such folder; give a folder that holds .msg files")
@@ -68,15 +85,37 @@ def add_folder(path: str | os.PathLike[str]) -> list[str]:
             f"{path}: no .msg, .srv or .action file in it; give a package, a workspace, or a folder"
             " of .msg files"
         )
-    for name, file in names.items():
-        _added.setdefault(name, file)
-    _definition.cache_clear()
-    return sorted(names)
+    return names
+
+
+def _own() -> Mapping[str, Path]:
+    """Return the user's own definitions: of `add_folder`, then of UROS_INTERFACES."""
+    return ChainMap(_added, _of_variable(os.environ.get(VARIABLE, "")))
+
+
+def check_variable() -> None:
+    """Check the folders of UROS_INTERFACES, which otherwise count when a type is looked up.
+
+    Raises:
+        InterfaceError: One does not exist, or has no definitions.
+    """
+    _own()
+
+
+@lru_cache(maxsize=1)
+def _of_variable(folders: str) -> dict[str, Path]:
+    names: dict[str, Path] = {}
+    for folder in reversed([path for path in folders.split(os.pathsep) if path]):
+        try:
+            names.update(_definitions_in(folder))
+        except InterfaceError as error:
+            raise InterfaceError(f"{VARIABLE}: {error}") from error
+    return names
 
 
 def is_added(name: str) -> bool:
-    """Whether the type (in its normal spelling) is from `add_folder`, so in no table of hashes."""
-    return file_type(name) in _added
+    """Whether the type (in its normal spelling) is the user's own, so in no table of hashes."""
+    return file_type(name) in _own()
 
 
 def exists(name: str) -> bool:
@@ -86,7 +125,7 @@ def exists(name: str) -> bool:
 
 def list_types() -> list[str]:
     """Return the names of all known messages, services and actions, sorted; parses nothing."""
-    names = {*_added, *_packaged()}
+    names = {*_own(), *_packaged()}
     for share in _ament_shares():
         names.update(
             f"{file.parent.parent.name}/{file.parent.name}/{file.stem}"
@@ -110,7 +149,7 @@ def packaged_types() -> list[str]:
 
 def has_package(package: str) -> bool:
     """Whether any type of the package is known."""
-    if any(name.startswith(package + "/") for name in (*_added, *_packaged())):
+    if any(name.startswith(package + "/") for name in (*_own(), *_packaged())):
         return True
     return any((share / package / kind).is_dir() for share in _ament_shares() for kind in KINDS)
 
@@ -118,7 +157,7 @@ def has_package(package: str) -> bool:
 def names_in(package: str, kind: str) -> list[str]:
     """Return the plain names of a package's types of one kind, sorted."""
     prefix = f"{package}/{kind}/"
-    names = {n[len(prefix) :] for n in (*_added, *_packaged()) if n.startswith(prefix)}
+    names = {n[len(prefix) :] for n in (*_own(), *_packaged()) if n.startswith(prefix)}
     for share in _ament_shares():
         names.update(file.stem for file in (share / package / kind).glob(f"*.{kind}"))
     return sorted(names)
@@ -144,13 +183,7 @@ def _definition(name: str, _: str) -> Definition:
         else:
             parts = list(whole.parts)
         return next(part for part in parts if part.type_name == name)
-    package, kind, plain = name.split("/")
-    text, path = source(name)
-    if kind == "msg":
-        return parse_msg(text, package, plain, path)
-    if kind == "srv":
-        return parse_srv(text, package, plain, path)
-    return parse_action(text, package, plain, path)
+    return parse(name, *source(name))
 
 
 def source(name: str) -> tuple[str, str]:
@@ -168,6 +201,38 @@ def source(name: str) -> tuple[str, str]:
         return data.decode(), str(path)
     except UnicodeDecodeError as error:
         raise InterfaceError(f"{path}: not UTF-8 text ({error}); save it as UTF-8") from error
+
+
+def sourced_texts(name: str) -> list[str]:
+    """Return the texts of a sourced ROS 2 that define a type, and can be read."""
+    package, kind, plain = name.split("/")
+    texts = []
+    for share in _ament_shares():
+        try:
+            data = (share / package / kind / f"{plain}.{kind}").read_bytes()
+            texts.append(data[: MAX_FILE + 1].decode())
+        except (OSError, UnicodeDecodeError):
+            continue
+    return texts
+
+
+def parse(name: str, text: str, path: str) -> Definition:
+    """Return the definition of a type in a text.
+
+    Args:
+        name: The type, in its normal spelling.
+        text: The text of its file.
+        path: The file, for messages.
+
+    Raises:
+        InterfaceError: The text is wrong.
+    """
+    package, kind, plain = name.split("/")
+    if kind == "msg":
+        return parse_msg(text, package, plain, path)
+    if kind == "srv":
+        return parse_srv(text, package, plain, path)
+    return parse_action(text, package, plain, path)
 
 
 def message(name: str) -> Message:
@@ -222,7 +287,7 @@ def _packaged_of(name: str) -> dict[str, Path]:
 
 
 def _find(name: str) -> Path | None:
-    if file := _added.get(name) or _packaged().get(name):
+    if file := _own().get(name) or _packaged().get(name):
         return file
     parts = name.split("/")
     if len(parts) != 3 or any(part in ("", ".", "..") or os.sep in part for part in parts):
@@ -267,8 +332,6 @@ def _package(folder: Path) -> str:
 
 
 def _unknown(name: str) -> str:
-    import difflib
-
     first = distro.since(name)
     if first:
         return (
@@ -276,9 +339,29 @@ def _unknown(name: str) -> str:
             f" definitions of {distro.chosen().capitalize()}; choose another by ROS_DISTRO or"
             " --distro, or give the folder of its definition by --interfaces DIR"
         )
+    return (
+        f"unknown type {name!r}{_meant(name)}; give the folder of its definition by --interfaces"
+        " DIR, or by the variable UROS_INTERFACES"
+    )
+
+
+def _meant(name: str) -> str:
+    """Return the known types that come close to a name, the closest first, or nothing."""
+    from difflib import SequenceMatcher, get_close_matches
+
     names = list_types()
-    plain = name.rpartition("/")[2]
-    close = [known for known in names if plain and known.endswith("/" + plain)]
-    close = list(dict.fromkeys(close + difflib.get_close_matches(name, names, 3, 0.7)))
-    hint = f" (did you mean {' or '.join(close[:4])}?)" if close else ""
-    return f"unknown type {name!r}{hint}; give the folder of its definition by --interfaces DIR"
+    wanted = name.replace("::", "/").replace(".", "/").lower()
+    plain = wanted.rpartition("/")[2]
+    same = [known for known in names if known.lower().rpartition("/")[2] == plain]
+    ratios = {known: SequenceMatcher(None, wanted, known.lower()).ratio() for known in same}
+    close = sorted(same, key=lambda known: -ratios[known])
+    if "/" in wanted and close:  # the package counts too
+        close = [known for known in close if ratios[known] > ratios[close[0]] - _BESIDE]
+    if not close:
+        close = get_close_matches(wanted, names, _SUGGESTED, 0.7)
+        best = SequenceMatcher(None, wanted, close[0]).ratio() if close else 0.0
+        close = [k for k in close if SequenceMatcher(None, wanted, k).ratio() > best - _BESIDE]
+    if not close and "/" not in wanted:
+        plains = {known.rpartition("/")[2].lower(): known for known in names}
+        close = [plains[match] for match in get_close_matches(plain, plains, _SUGGESTED, 0.7)]
+    return f" (did you mean {' or '.join(close[:_SUGGESTED])}?)" if close else ""

@@ -1,5 +1,6 @@
 """Types made from text at run time, on a host and on a board."""
 
+from support.portable import SINGLE_FLOATS, fits_single
 from unit.interfaces import rclpy_vectors
 
 from uros.interfaces.dynamic import load
@@ -104,9 +105,12 @@ def put(message, values):
 
 
 def test_octets_are_those_of_rclpy():
-    count = 0
+    count = left_out = 0
     for name, values, payload in rclpy_vectors.VECTORS:
         if name not in TEXTS or not values and TEXTS[name]:
+            continue
+        if SINGLE_FLOATS and not fits_single(values):
+            left_out += 1
             continue
         type_name = name.replace("/srv/Empty_Request", "/msg/Empty")
         cls = load(type_name, TEXTS[name], KNOWN)
@@ -117,7 +121,7 @@ def test_octets_are_those_of_rclpy():
         again, end = cls.unpack_from(octets, 0, 0, len(octets))
         assert end == len(octets) and again == message and packed(again) == octets, name
         count += 1
-    assert count == len(TEXTS)
+    assert count + left_out == len(TEXTS) and count >= 5, (count, left_out)
 
 
 def test_a_loaded_type_and_a_generated_one_are_equal():
@@ -233,6 +237,8 @@ def test_faults_of_a_definition_name_the_line():
         "int32[2] x [1]", "int32[] x [1,]", "string x 'a", "string<=2 x 'abc'", "int32 x=5",
         "int32[2] X=[1,2]", "int32 X=5\nint32 X=6", "a/b/c x", "---",
     ):  # fmt: skip
+        if SINGLE_FLOATS and "e38" in text:
+            continue  # this float is infinite there, which float32 has
         fault = refused(InterfaceError, load, "my_msgs/msg/R", text)
         assert fault.startswith("my_msgs/msg/R:%d: bad " % (text.count("\n") + 1)), fault
     fault = refused(InterfaceError, load, "my_msgs/msg/R", "Lost x")

@@ -119,6 +119,8 @@ def test_without_garbage():
 
     import micropython
 
+    # Objects are larger where addresses have 64 bits.
+    limit = 300 if sys.maxsize < 2**32 else 600
     for source in (imu(), odometry(), Twist(), Int32(5), String("same")):
         buf = octets(source)
         size = len(buf)
@@ -139,4 +141,4 @@ def test_without_garbage():
         reused.unpack_into(buf, 0, 0, size)
         allocated = gc.mem_alloc() - before
         gc.enable()
-        assert allocated < 300, (type(source), allocated)
+        assert allocated < limit, (type(source), allocated)

@@ -5,6 +5,7 @@ The vectors are those of rclpy and rosbags. The tests use only what hosts and bo
 
 # fmt: off
 # ruff: noqa: I001
+from support.portable import SINGLE_FLOATS, fits_single
 from unit.interfaces import rclpy_vectors, vectors
 
 try:
@@ -161,15 +162,26 @@ def agree(name, values, payload, padded):
     assert packed(again) == want, name
 
 
+# Messages with default values that have many digits.
+MANY_DIGITS = [
+    "test_msgs/msg/" + name
+    for name in ("Arrays", "BoundedSequences", "Defaults", "UnboundedSequences")
+]
+
+
 def test_octets_are_those_of_rclpy():
+    count = 0
     for name, values, payload in rclpy_vectors.VECTORS:
-        agree(name, values, payload, True)
-    assert len(rclpy_vectors.VECTORS) > 50
+        if not SINGLE_FLOATS or (fits_single(values) and name not in MANY_DIGITS):
+            agree(name, values, payload, True)
+            count += 1
+    assert count > (30 if SINGLE_FLOATS else 50), count
 
 
 def test_octets_are_those_of_rosbags():
     for name, values, payload in vectors.VECTORS:
-        agree(name, values, payload, False)
+        if not SINGLE_FLOATS or fits_single(values):
+            agree(name, values, payload, False)
 
 
 def test_a_message_that_ends_too_early_is_rejected():

@@ -310,6 +310,53 @@ def test_added_folders_go_first(tmp_path):
     assert known_hash("std_msgs/msg/UInt16") not in (None, before)
 
 
+def test_folders_of_the_variable_come_between_added_and_packaged_ones(tmp_path, monkeypatch):
+    for at, name in enumerate(("first", "second", "added")):
+        write(tmp_path / f"{name}/std_msgs/msg/UInt16.msg", f"int{8 << at} data\n")
+    write(tmp_path / "second/my_e/msg/E.msg", "int8 data\n")
+
+    def kind():
+        registry._definition.cache_clear()
+        return registry.message("std_msgs/msg/UInt16").fields[0].type.name
+
+    folders = os.pathsep.join(str(tmp_path / name) for name in ("first", "", "second"))
+    monkeypatch.setenv("UROS_INTERFACES", folders.replace(f"{tmp_path}{os.pathsep}", os.pathsep))
+    assert kind() == "int8"
+    assert "my_e/msg/E" in list_types() and registry.names_in("my_e", "msg") == ["E"]
+    assert load("my_e/E")(data=3).data == 3
+    add_folder(tmp_path / "added")
+    assert kind() == "int32"
+    monkeypatch.delenv("UROS_INTERFACES")
+    assert "my_e/msg/E" not in list_types()
+
+
+def test_a_wrong_folder_in_the_variable(tmp_path, monkeypatch):
+    monkeypatch.setenv("UROS_INTERFACES", str(tmp_path / "lost"))
+    with pytest.raises(InterfaceError, match="^UROS_INTERFACES: .*/lost: no such folder"):
+        load("my_x/X")
+
+
+@pytest.mark.parametrize(
+    "name, close",
+    [
+        ("std_msg/msg/String", "std_msgs/msg/String?)"),
+        ("std_msg/String", "std_msgs/msg/String?)"),
+        ("std_msgs/msg/string", "std_msgs/msg/String?)"),
+        ("String", "std_msgs/msg/String or example_interfaces/msg/String"),
+        ("std_srvs/srv/SetBol", "std_srvs/srv/SetBool?)"),
+        ("std_msgs/msg/Strin", "std_msgs/msg/String or test_msgs/msg/Strings"),
+        ("Twist", "geometry_msgs/msg/Twist"),
+        ("Twst", "geometry_msgs/msg/Twist"),
+        ("sensor_msgs.msg.Imu", "sensor_msgs/msg/Imu"),
+        ("std_srv/srv/Trigger", "std_srvs/srv/Trigger"),
+    ],
+)
+def test_the_plausible_type_comes_first(name, close):
+    with pytest.raises(InterfaceError) as caught:
+        load(name)
+    assert f"(did you mean {close}" in str(caught.value)
+
+
 @pytest.mark.parametrize("name", registry.packaged_types())
 def test_generated_source_suits_micropython(name):
     """No import, syntax or call that MicroPython 1.27 lacks (the board tests run it for real)."""

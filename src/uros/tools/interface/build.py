@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from ..common import add_interfaces, know_interfaces
-from ..errors import ToolError
+from ..errors import ToolError, did_you_mean
 
 _EPILOG: Final = """\
 Each type becomes a module of its own, so a program loads only the types that it imports:
@@ -90,10 +90,11 @@ def _names(what: list[str]) -> list[str]:
         elif name in registry.packages():
             named += types_of(name)
         else:
-            raise ToolError(
-                f"there is no folder, type or package {name!r}; types are named like"
-                " std_msgs/msg/Int32, list them with: uros interface list"
+            close = did_you_mean(name, registry.packages())
+            remedy = (
+                "; types are named like std_msgs/msg/Int32, list them with: uros interface list"
             )
+            raise ToolError(f"there is no folder, type or package {name!r}{close or remedy}")
     return list(dict.fromkeys(named or found))
 
 

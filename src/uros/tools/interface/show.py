@@ -11,6 +11,7 @@ from ..common import add_interfaces, add_type, know_interfaces
 
 if TYPE_CHECKING:
     from ...interfaces.parse import Message
+    from ...interfaces.registry import Definition
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -48,7 +49,7 @@ def _of_file(name: str, comments: bool, all_comments: bool) -> Iterator[str]:
     from ...interfaces.parse import strip_comment
 
     types = [{f.name: f.type for f in part.fields} for part in registry.definition(name).parts]
-    for raw in registry.source(name)[0].lstrip("\ufeff").splitlines():
+    for raw in _text(name).lstrip("\ufeff").splitlines():
         line = strip_comment(raw.replace("\t", " ")).strip()
         if line == "---":
             del types[0]
@@ -58,6 +59,36 @@ def _of_file(name: str, comments: bool, all_comments: bool) -> Iterator[str]:
         if field and not (type_ := types[0][field[1]]).primitive:
             for inner in _of_file(type_.name, all_comments, all_comments):
                 yield "\t" + inner
+
+
+def _text(name: str) -> str:
+    """Return the text that defines a type; a sourced ROS 2's if it has the same definition.
+
+    Its comments say more than those of uros, which are its own and few.
+    """
+    from ...interfaces import InterfaceError, registry
+
+    text, path = registry.source(name)
+    if registry.is_added(name):
+        return text
+    ours = _meaning(registry.definition(name))
+    for other in registry.sourced_texts(name):
+        try:
+            if "#" in other and _meaning(registry.parse(name, other, path)) == ours:
+                return other
+        except InterfaceError:
+            continue
+    return text
+
+
+def _meaning(definition: Definition) -> list[object]:
+    return [
+        (
+            [(constant.type, constant.name, constant.value) for constant in part.constants],
+            [(str(field.type), field.name, field.default) for field in part.fields],
+        )
+        for part in definition.parts
+    ]
 
 
 def _of_part(part: Message, behind: bool) -> Iterator[str]:

@@ -123,6 +123,33 @@ def test_show(capsys, folder):
     )
 
 
+def test_show_has_the_comments_of_common_types(capsys):
+    lines = shown(capsys, "show", "sensor_msgs/msg/Range").splitlines()
+    assert lines[0].startswith("# ") and "float32 field_of_view  # width of the beam, rad" in lines
+    assert "\tbuiltin_interfaces/Time stamp" in lines
+    bare = shown(capsys, "show", "sensor_msgs/msg/Range", "--no-comments")
+    assert "#" not in bare and "float32 field_of_view\n" in bare
+    everything = shown(capsys, "show", "sensor_msgs/msg/Range", "--all-comments")
+    assert "\tbuiltin_interfaces/Time stamp  # when it was measured\n" in everything
+
+
+@pytest.mark.parametrize("same", [True, False])
+def test_show_has_the_comments_of_a_sourced_ros(same, capsys, tmp_path, monkeypatch):
+    file = tmp_path / "share/std_msgs/msg/Header.msg"
+    file.parent.mkdir(parents=True)
+    kind = "string" if same else "uint8"
+    text = f"# Of ROS.\nbuiltin_interfaces/Time stamp\n# Of TF.\n{kind} frame_id\n"
+    file.write_text(text)
+    (file.parent / "Bool.msg").write_text("# Wrong.\nbol data\n")
+    (file.parent / "Char.msg").write_bytes(b"\xff")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
+    printed = shown(capsys, "show", "std_msgs/msg/Header")
+    assert ("# Of TF.\n" in printed) == same and "string frame_id" in printed
+    assert ("# Of ROS.\n" in shown(capsys, "show", "std_msgs/Header", "--all-comments")) == same
+    assert shown(capsys, "show", "std_msgs/Bool") == "bool data\n"
+    assert shown(capsys, "show", "std_msgs/Char").endswith(" data\n")
+
+
 def test_show_the_parts_of_an_action(capsys):
     shape = "\tint32 order\n"
     assert shown(capsys, "show", "test_msgs/action/Fibonacci_SendGoal") == (
