@@ -60,7 +60,7 @@ def running_board(name, engine, program=None, **options):
 def served(name, engine, domain):
     """A board that is connected to an agent of its own."""
     with running_board(name, engine) as board:
-        with running_agent("serial", MIDDLEWARE, domain, device=board.path):
+        with running_agent("serial", MIDDLEWARE, domain, device=board.path, baud=board.baud):
             board.wait(CONNECTED)
             yield board
 

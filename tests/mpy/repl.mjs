@@ -9,7 +9,8 @@
 // that does not know the request.
 //
 // Programs can import `hw`: hw.wait() blocks until an octet arrives on the line and returns it;
-// Ctrl-C interrupts it, as a sleep on a board. Ctrl-C does not interrupt hw.wait_deaf().
+// Ctrl-C interrupts it, as a sleep on a board. Ctrl-C does not interrupt hw.wait_deaf(). sys.stdin is
+// the line, too; poll() says always that it is readable, so programs call hw.sleep(ms) in between.
 
 import { readSync, writeSync } from "node:fs";
 import { pathToFileURL } from "node:url";
@@ -55,9 +56,26 @@ del linux, LIST
 `;
 
 const received = Buffer.alloc(1);
-function octet() {
-  if (!readSync(0, received, 0, 1, null)) process.exit(0); // the test has ended
+const never = new Int32Array(new SharedArrayBuffer(4));
+const sleep = (ms) => void Atomics.wait(never, 0, 0, ms);
+
+// Returns the next octet of the line, which does not block; null if there is none.
+function available() {
+  try {
+    if (!readSync(0, received, 0, 1, null)) process.exit(0); // the test has ended
+  } catch (error) {
+    if (error.code !== "EAGAIN") throw error;
+    return null;
+  }
   return received[0];
+}
+
+function octet() {
+  for (;;) {
+    const byte = available();
+    if (byte !== null) return byte;
+    sleep(1);
+  }
 }
 
 // Returns the folders and files of the flash, which the next interpreter gets.
@@ -78,14 +96,16 @@ async function boot(files) {
   const lined = (bytes) => out(bytes[0] === 10 ? [13, 10] : bytes);
   let cooked = true;
   const python = await loadMicroPython({
-    linebuffer: false, heapsize: 262144,
+    linebuffer: false, heapsize: 262144, stdin: available,
     stdout: (bytes) => (cooked ? lined(bytes) : out(bytes)),
   });
+  // sys.stdout.buffer does not end lines with CR LF on boards; here a program says when it is used.
+  const plain = (wanted) => void (cooked = !wanted);
   const interrupt = (byte) => {
     if (byte === CTRL_C) python._module._mp_sched_keyboard_interrupt();
     return byte;
   };
-  python.registerJsModule("hw", { wait: () => interrupt(octet()), wait_deaf: () => octet() });
+  python.registerJsModule("hw", { wait: () => interrupt(octet()), wait_deaf: () => octet(), sleep, plain });
   python.runPython(LINUX_ERRORS);
   python.FS.mkdirTree("/flash");
   for (const [path, data] of files) {

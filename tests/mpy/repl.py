@@ -28,11 +28,14 @@ class ReplBoard:
         self._plugged = True
         self._stop, self._stopped = os.pipe()
         runner = Path(__file__).with_name("repl.mjs")
-        self._process = subprocess.Popen(
-            [INSTALLED / "node", runner, MODULE, paste],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-        )
+        line, self._line = os.pipe()
+        os.set_blocking(line, False)
+        try:
+            self._process = subprocess.Popen(
+                [INSTALLED / "node", runner, MODULE, paste], stdin=line, stdout=subprocess.PIPE
+            )
+        finally:
+            os.close(line)
         self._thread = threading.Thread(target=self._carry, daemon=True)
 
     def __enter__(self) -> "ReplBoard":
@@ -44,6 +47,7 @@ class ReplBoard:
         self._thread.join()
         self._process.kill()
         self._process.communicate()
+        os.close(self._line)
         os.close(self._stop)
         self.unplug()
 
@@ -67,7 +71,7 @@ class ReplBoard:
         os.write(self._master, data)
 
     def _carry(self) -> None:
-        assert self._process.stdin and self._process.stdout
+        assert self._process.stdout
         board = self._process.stdout.fileno()
         while True:
             line = [self._master] if self._plugged else []
@@ -86,8 +90,8 @@ class ReplBoard:
                     data = data[: self.cut_after]
                     self.cut_after -= len(data)
                 try:
-                    self._process.stdin.write(data)
-                    self._process.stdin.flush()
+                    while data:
+                        data = data[os.write(self._line, data) :]
                 except BrokenPipeError:
                     return
                 if self.cut_after == 0:

@@ -238,6 +238,31 @@ def test_portable_tests_pass(micropython: MicroPython, tmp_path: Path, options: 
     assert len(tests) > 100
 
 
+EXACT = """
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import NavSatFix
+from uros.client.float64 import Exact, Float64
+
+value = Float64(501234567, 10000000)
+fix, odometry = NavSatFix(), Odometry()
+for exact in (
+    Exact(fix, latitude=value), Exact(odometry, (odometry.pose.pose.position, "x", value))
+):
+    buf = bytearray(exact.cdr_size())
+    exact.pack_into(buf, 0, 0)
+    print(bytes.fromhex("6d7cdc6dcd0f4940") in bytes(buf))
+"""
+
+
+@pytest.mark.parametrize("form", ["py", "mpy"])
+def test_exact_float64_fields(micropython: MicroPython, tmp_path: Path, form: str) -> None:
+    (tmp_path / "program").mkdir()
+    (tmp_path / "program" / "app.py").write_text(EXACT)
+    build(tmp_path / "program", tmp_path / "out", form)
+    micropython.install(tree(tmp_path / "out"))
+    assert micropython.run("import app") == "True\nTrue\n"
+
+
 def module_name(file: Path) -> str:
     """Return a module name that is unique where two folders have tests of the same name."""
     return f"{file.parent.name}_{file.stem}"

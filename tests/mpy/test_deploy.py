@@ -1,15 +1,23 @@
 """Tests of uros board deploy and its parts, with MicroPython's real REPL on the serial line."""
 
+import io
 import json
 import os
 import subprocess
 import sys
+import threading
+import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import pytest
 from mpy.repl import ReplBoard
+from uros.interfaces.std_msgs.msg import Int32
 
+from uros.agent.agent import Agent
+from uros.agent.log import Log
+from uros.agent.server import Server
+from uros.agent.transports.serial import SerialServer
 from uros.boards.deploy.deploy import (
     NOTE,
     STAGE,
@@ -23,6 +31,9 @@ from uros.boards.deploy.deploy import (
     make_plan,
 )
 from uros.boards.deploy.raw_repl import LineLost, NoRepl, Raised, RawRepl
+from uros.host.direct import Direct
+from uros.host.node import Node
+from uros.middleware.memory import Bus, MemoryMiddleware
 from uros.tools import cli
 from uros.transport.serial_host import device_port
 
@@ -310,6 +321,28 @@ def run(*arguments: object, **options: object) -> subprocess.CompletedProcess[st
     )
 
 
+def test_machine_code_for_another_processor_is_named_before_anything_is_copied(
+    board: ReplBoard, program: Path, connect: Callable[..., RawRepl]
+) -> None:
+    (program / "fast.mpy").write_bytes(b"M\6\x2b\37" + bytes(20))
+    process = run("deploy", program, "--port", board.path)
+    assert process.returncode == 1
+    assert "fast.mpy has machine code for xtensawin, and MicroPython 1.27" in process.stderr
+    assert files_on(connect(board)) == {}
+
+
+def test_bytecode_that_the_board_refuses_is_explained_on_the_console(
+    board: ReplBoard, program: Path, connect: Callable[..., RawRepl]
+) -> None:
+    repl = connect(board)
+    repl.run("f = open('old.mpy', 'wb'); f.write(b'M\\5\\0\\x1f'); f.close()")
+    repl.port.close()
+    (program / "main.py").write_text("import old\n")
+    process = run("deploy", program, "--port", board.path, "--provided", "old", "--seconds", "1")
+    assert "incompatible .mpy file" in process.stdout
+    assert "uros: the bytecode on the board is of another version" in process.stderr
+
+
 def test_deploy_builds_copies_starts_and_shows_the_console(board: ReplBoard, program: Path) -> None:
     process = run("deploy", program, "--port", board.path, "--seconds", "1")
     assert process.returncode == 0, process.stderr
@@ -348,3 +381,151 @@ def test_a_board_of_another_port_is_refused(board: ReplBoard, program: Path) -> 
     process = run("deploy", program, "--port", board.path, "--board", "pico-w")
     assert process.returncode == 1
     assert "pico-w has MicroPython for rp2, and this board's is for webassembly" in process.stderr
+
+
+# --- secrets ----------------------------------------------------------------------------
+
+PASSWORD = "hush-hush-42"
+
+
+@pytest.fixture
+def secretive(program: Path) -> Path:
+    (program / "main.py").write_text(
+        "import secrets\nprint('knows', len(secrets.WIFI_PASSWORD))\nwhile True:\n    hw.wait()\n"
+    )
+    return program
+
+
+def test_secrets_are_copied_kept_by_later_deployments_and_never_printed(
+    board: ReplBoard, secretive: Path, tmp_path: Path, connect: Callable[..., RawRepl]
+) -> None:
+    said = ""
+
+    def files_now() -> dict[str, bytes]:
+        repl = connect(board)
+        files = files_on(repl)
+        repl.port.close()
+        return files
+
+    def deploy(*options: object, status: int = 0) -> str:
+        nonlocal said
+        process = run("deploy", secretive, "--port", board.path, *options)
+        said += process.stdout + process.stderr
+        assert process.returncode == status, said
+        return process.stdout + process.stderr
+
+    missing = deploy("--no-console", status=1)
+    assert "main.py:1 imports secrets, and the board has no secrets.py: give --secrets" in missing
+
+    lab = tmp_path / "lab.py"
+    lab.write_text(f"WIFI_PASSWORD = {PASSWORD!r}\n")
+    assert "knows 12" in deploy("--secrets", lab, "--seconds", "1")
+    (secretive / "more.py").write_text("A = 1\n")
+    assert "knows 12" in deploy("--seconds", "1")
+    answer = json.loads(deploy("--secrets", lab, "--json"))
+    assert "secrets.py" in answer["kept"]
+
+    files = files_now()
+    assert files["secrets.py"] == lab.read_bytes()
+    assert "secrets.py" not in files[NOTE].decode().split("\n")
+
+    assert "no secrets.py after --clean" in deploy("--clean", "--json", status=1)
+    (secretive / "main.py").write_text("print('needs none')\n")
+    deploy("--clean", "--json")
+    assert "secrets.py" not in files_now()
+    assert PASSWORD not in said and "WIFI" not in said
+
+
+def test_a_line_that_fails_while_it_takes_secrets_quotes_nothing(
+    board: ReplBoard, connect: Callable[..., RawRepl], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    repl = connect(board)
+    files = {"main.py": b"", "secrets.py": f"WIFI_PASSWORD = {PASSWORD!r}\n".encode()}
+    device = look(repl)
+    plan = make_plan(repl, device, files)
+    ran = repl.run
+
+    def echo(code: str, seconds: float | None = None) -> str:
+        if "_b(b'" in code:
+            raise LineLost(f"waited 2 s for its prompt; the last was {code!r}")
+        return ran(code, seconds)
+
+    monkeypatch.setattr(repl, "run", echo)
+    with pytest.raises(LineLost) as error:
+        carry_out(repl, device, plan, files)
+    assert str(error.value) == "the line failed while it took secrets.py"
+    assert error.value.__cause__ is None and error.value.__suppress_context__
+
+
+def test_a_board_without_a_file_system_is_named(
+    board: ReplBoard, connect: Callable[..., RawRepl]
+) -> None:
+    """The port for rp2 starts without one if its flash takes none, and statvfs gives zeros."""
+    repl = connect(board)
+    repl.run("import os\nos.statvfs = lambda path: (0, 0, 0, 0, 0, 0, 0, 0, 0, 0)")
+    with pytest.raises(DeployError, match="the board has no file system at /"):
+        look(repl)
+
+
+# --- one line for console and agent -------------------------------------------------------
+
+SHARED = """
+import hw
+from std_msgs.msg import Int32
+from uros.client import Node
+from uros.drivers.console_port import ConsolePort
+from uros.transport.serial import StreamTransport
+
+class Port(ConsolePort):
+    def wait(self, timeout_ms):
+        hw.sleep(1)
+
+    def write(self, data):
+        hw.plain(True)
+        count = super().write(data)
+        hw.plain(False)
+        return count
+
+node = Node("shared", StreamTransport(Port()))
+publisher = node.create_publisher(Int32, "count", 10)
+count = Int32(data=0x7E037D03)  # octets that frames escape, and Ctrl-C
+
+def tick():
+    print("tick", publisher.publish(count))
+
+node.create_timer(0.05, tick)
+node.spin()
+"""
+
+
+def test_one_line_serves_the_agent_and_deploys_again(board: ReplBoard, program: Path) -> None:
+    (program / "main.py").write_text(SHARED)
+
+    def deploy(*options: str) -> str:
+        process = run("deploy", program, "--port", board.path, "--provided", "hw", *options)
+        assert process.returncode == 0, process.stderr
+        return process.stdout
+
+    for number in range(2):
+        (program / "number.py").write_text(f"N = {number}\n")
+        deploy("--no-console", *["--mpy"] * number)
+        bus = Bus()
+        server = Server(
+            Agent(MemoryMiddleware(bus), Log(stream=io.StringIO()), domain_override=0),
+            [SerialServer(board.path)],
+        )
+        thread = threading.Thread(target=server.run)
+        thread.start()
+        try:
+            node = Node("test", Direct(MemoryMiddleware(bus)))
+            counts: list[Int32] = []
+            node.create_subscription(Int32, "/count", counts.append, 10)
+            end = time.monotonic() + 60
+            while len(counts) < 10 and time.monotonic() < end:
+                node.spin_once(0.1)
+            node.destroy_node()
+        finally:
+            server.stop()
+            thread.join()
+        assert {message.data for message in counts} == {0x7E037D03} and len(counts) >= 10
+    assert "tick False" in deploy("--seconds", "1")  # the console shows what it prints

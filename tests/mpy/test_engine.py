@@ -59,7 +59,8 @@ ALL = """
         try:
             call()
         except Exception as error:
-            print(type(error).__name__, error, isinstance(error, OSError) and error.errno)
+            text = str(error).split(": ")[0]
+            print(type(error).__name__, text, isinstance(error, OSError) and error.errno)
 
     led = Pin("P006", Pin.OUT, value=1)
     led.toggle()
@@ -124,12 +125,12 @@ opened
 b'from host'
 10
 Traceback (most recent call last):
-  File "main.py", line 56, in <module>
+  File "main.py", line 57, in <module>
   File "helper.py", line 6, in fail
 ValueError: no luck
 the end
 Traceback (most recent call last):
-  File "main.py", line 60, in <module>
+  File "main.py", line 61, in <module>
   File "helper.py", line 10, in deeper
 OSError: [Errno 19] ENODEV
 """

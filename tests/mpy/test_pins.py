@@ -59,12 +59,29 @@ def test_values_and_errors_of_pins(start):
     lines = list(board.console.queue)
     assert lines[0] == "5000 16384 256 50000" and lines[1] == "32768"
     assert lines[2] == "32768 1650025"
-    assert lines[3:] == [
+    assert [line.partition(": ")[0] for line in lines[3:]] == [
         "ValueError invalid pin", "ValueError Pin doesn't have ADC capabilities",
         "ValueError freq must be from 1Hz to 40MHz", "ValueError duty must be from 0 to 65535",
         "end",
     ]  # fmt: skip
     assert board.shown("led") == ["off", "on", "25 %", "on", "50 %", "on"]
+
+
+def test_ticks_and_the_real_time_clock_agree(start):
+    """MicroPython's engine computes the ticks itself; the clock is read from the board."""
+    board = start(
+        """
+        import time
+        for _ in range(50):
+            before = time.time_ns() // 1000
+            ticks = time.ticks_us()
+            after = time.time_ns() // 1000
+            assert before <= ticks <= after, (before, ticks, after)
+            assert ticks // 1000 <= time.ticks_ms() <= time.time_ns() // 1000000
+        print("agree")
+        """,
+    )
+    board.wait("agree")
 
 
 EDGES = """

@@ -217,6 +217,11 @@ def test_a_board_without_plugs_has_no_uart_spi_or_network(engine, tmp_path):
         assert board.wait_end() == ""
         lines = [board.console.get(timeout=10) for _ in range(5)]
     assert lines == [
-        "no: UART(1) doesn't exist", "no: SPI(1) doesn't exist", "no: no module named 'network'",
-        "no: no module named 'socket'", "done",
+        "no: UART(1) doesn't exist: this virtual board has its own USB, which"
+        " uros.drivers.port.open_port() opens; --plug esp8266:uart=1 adds a Wi-Fi modem on UART(1)",
+        "no: SPI(1) doesn't exist: this virtual board has no SPI bus; --plug"
+        " gs2200:spi=1,ready=PIN,cs=PIN adds a Wi-Fi modem on SPI(1)",
+        "no: no module named 'network': this virtual board has no radio; --plug wlan adds one",
+        "no: no module named 'socket': this virtual board has no radio; --plug wlan adds one",
+        "done",
     ]  # fmt: skip

@@ -1,5 +1,8 @@
 """Tests of the heap that each transport takes on a board, beside a publishing node."""
 
+import re
+from pathlib import Path
+
 import pytest
 from mpy.harness import MicroPython, tree
 
@@ -17,6 +20,8 @@ def run(port):
 """
 UDP = "from uros.transport.udp import UdpTransport\n"
 OVER = UDP + "from uros.transport.wlan import Over, Station\n"
+# The most that a size may differ from that on the page, in kB.
+TOLERANCE = 0.15
 # Bytes: today's cost and a tenth.
 KINDS = {
     "udp": (UDP, "UdpTransport('h')", 1000),
@@ -70,3 +75,11 @@ def test_heap_of_a_transport(kind, bare, tmp_path):
     cost = heap_of(tmp_path, imports, transport) - bare
     print(f"\n{kind}: {cost} bytes")
     assert 0 < cost <= limit
+    assert abs(cost / 1000 - stated()[kind]) < TOLERANCE
+
+
+def stated():
+    """Return the sizes on the page of the transports, in kB, by kind."""
+    page = (Path(__file__).parents[2] / "docs" / "board_transports.md").read_text("utf-8")
+    rows = re.findall(r"^\| `\w+`[^|]* \| ([\d.]+) \|", page.partition("## Memory")[2], re.M)
+    return dict(zip(KINDS, map(float, rows), strict=True))

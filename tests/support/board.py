@@ -105,7 +105,10 @@ def number_bytes(value):
 
 def pattern(size, start=0):
     """``size`` octets of all values."""
-    return bytes([(start + i * 7 + (i >> 8)) & 0xFF for i in range(size)])
+    octets = bytearray(size)
+    for i in range(size):
+        octets[i] = (start + i * 7 + (i >> 8)) & 0xFF
+    return bytes(octets)
 
 
 def built(push, *values):

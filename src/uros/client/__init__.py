@@ -32,8 +32,10 @@ Optional features are separate modules, which take memory only if imported:
 ``logger_service``          Services that get and set the levels of loggers.
 ``lifecycle``               Managed (lifecycle) nodes.
 ``tf``                      Transform broadcasters.
+``float64``                 Exact float64 fields on boards whose floats have 32 bits.
 ``streaming``               Messages sent in pieces, longer than the board's memory.
 ``dynamic_messages``        Messages without generated classes, for the services above.
+``deep_sleep``              Deep sleep between messages, without becoming another client.
 ``status``                  State of the connection as text, and on an LED.
 ``latched_publisher``       A publisher that repeats its last message to each new agent.
 ==========================  ======================================================================

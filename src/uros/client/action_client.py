@@ -22,6 +22,7 @@ long as the server keeps it, and feedback is received.
 
 from ..ticks import ticks_add, ticks_diff
 from .actions import ACCEPTED, SUCCEEDED, UNKNOWN, End
+from .connection import AGENT_CONNECTED
 from .entities import Client, Future, Subscription
 
 try:
@@ -107,11 +108,14 @@ class ActionClient(End):
         )  # fmt: skip
 
     def server_is_ready(self) -> bool:
-        """Return whether a goal can be sent to the agent now.
+        """Return whether a goal can be sent to the agent now: the node is connected.
 
         XRCE cannot tell whether a server exists, so a goal may have none. Its future then stays
         pending until `remove_pending_request`.
         """
+        # While a session is being created, the parts are but no sample may be written yet.
+        if self.node.connection.state != AGENT_CONNECTED:
+            return False
         for part in self.parts:
             if not part.created:
                 return False

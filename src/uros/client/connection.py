@@ -190,6 +190,15 @@ class Connection(Session):
         w.octets(b"\0\0\1\xff\xff\0\0\0\0\0\0")
         self.request(ids.READ_DATA, ids.FLAG_LITTLE_ENDIAN, w)
 
+    def pause_reading(self) -> None:
+        """Have the agent keep all samples until the next session, which asks for them again."""
+        for object_id in self._by_id:
+            w = self.begin(object_id)
+            w.u8(ids.STREAM_RELIABLE)
+            # As in `listen`, but for no samples.
+            w.octets(b"\0\0\1\0\0\0\0\0\0\0\0")
+            self.request(ids.READ_DATA, ids.FLAG_LITTLE_ENDIAN, w)
+
     # --- handlers of the agent's messages -----------------------------------------------------
 
     def on_agent(self, status: int) -> None:
@@ -414,7 +423,10 @@ class Connection(Session):
         self.reason = self._lost
         was = self.state
         self.unconfirmed += self.held()
-        self.renew()
+        if was == WAITING_AGENT:
+            self._reset()  # no agent knows a session with this id
+        else:
+            self.renew()
         self._known = False
         self._todo.clear()
         self._awaited.clear()

@@ -24,6 +24,8 @@ ALWAYS: Final = 1
 _LONGEST_MS: Final = 60000
 # Longest time between two calls of a trigger, whose result may change at any time: rclc's default.
 _TRIGGER_MS: Final = 100
+# Longest wait of a node with a watchdog: a quarter of the shortest timeout, a second on an ESP32.
+_FEED_MS: Final = 250
 _NS: Final = 1000000  # nanoseconds in a millisecond
 
 
@@ -35,6 +37,7 @@ class Executor:
     with None a round begins if a handle is ready. ``between()`` is called after each callback.
     ``failed`` counts the callbacks that raised; their exceptions are passed to ``report``, which
     prints them, and the round continues. A round without a trigger allocates nothing itself.
+    ``watchdog`` is None, or a ``machine.WDT`` or another object with ``feed()``.
 
     Args:
         max_handles: Most handles; adding another one raises ValueError, as in rclc.
@@ -45,6 +48,7 @@ class Executor:
         self.handles: "list[Any]" = []  # copied on change: a running round keeps its list
         self.trigger: "Callable[[list[Any], list[bool]], bool] | None" = None
         self.between: "Callable[[], object] | None" = None
+        self.watchdog: "Any" = None
         self.failed = 0
         self.report: "Callable[[Exception], object]" = print_exception
         # Handles ready in a round that the trigger did not begin; None: check all handles.
@@ -73,6 +77,7 @@ class Executor:
         Args:
             now: Milliseconds modulo 2^30.
         """
+        self.feed()
         handles = self.handles
         ready = self._held
         self._held = None  # a callback that spins runs a round with a list of its own
@@ -100,11 +105,17 @@ class Executor:
                     handle.execute(new)
                 except Exception as error:
                     self._fail(error)
+                self.feed()
                 if self.between is not None:
                     self.between()
         if handles is self.handles:
             self._held = ready
         return count
+
+    def feed(self) -> None:
+        """Feed the watchdog, if there is one: before each round, and after each callback."""
+        if self.watchdog is not None:
+            self.watchdog.feed()
 
     def _fail(self, error: Exception) -> None:
         self.failed += 1
@@ -123,6 +134,8 @@ class Executor:
         held = self._held
         if self.trigger is not None:
             longest = min(longest, _TRIGGER_MS)
+        if self.watchdog is not None:
+            longest = min(longest, _FEED_MS)
         for i in range(len(handles)):
             if held is not None and held[i]:
                 continue

@@ -73,6 +73,7 @@ class LetExecutor(Executor):
         self.handles = old.handles
         self.trigger = old.trigger
         self.between = old.between
+        self.watchdog = old.watchdog
         self.report = old.report
         self.failed = old.failed
         self.until_deadline = False  # a Period releases
@@ -145,7 +146,9 @@ class Period:
         count: int = node.executor.execute(node.clock.ms())
         while not timer.is_ready():
             left = timer.time_until_next_call() or 0
-            node.connection.pump(max(0, min(left // 1000000, 1000)))
+            node.executor.feed()
+            # As often as `Executor.wait` lets a node with a watchdog wait.
+            node.connection.pump(max(0, min(left // 1000000, 250)))
         timer.execute(True)
         return count
 

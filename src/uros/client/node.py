@@ -40,6 +40,9 @@ class Node:
             name, so that the agent recognizes the board after a reset.
         executor: The executor of another node, to spin both nodes together. By default a new one.
         remap: A :class:`~uros.client.remap.Remap`.
+        watchdog: A ``machine.WDT``, or another object with ``feed()``. Spinning feeds it, at least
+            four times a second and after each callback. So a callback that takes longer than its
+            timeout resets the board, and so does a program that no longer spins.
     """
 
     kinds = (ids.KIND_PARTICIPANT,)
@@ -58,6 +61,7 @@ class Node:
         key: "int | None" = None,
         executor: "Executor | None" = None,
         remap: "Any" = None,
+        watchdog: "Any" = None,
         **options: "Any",
     ) -> None:
         self._remap = remap
@@ -70,6 +74,8 @@ class Node:
         if executor is None:
             executor = Executor()
             executor.between = self._serve
+        if watchdog is not None:
+            executor.watchdog = watchdog
         self.executor = executor
         line: "Any" = transport
         self._owner = not isinstance(line, self._connections)

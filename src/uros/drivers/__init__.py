@@ -2,26 +2,27 @@
 
 They import no other package of uros.
 
-============  ====================================================================================
-``bus``       I2C bus that is recovered when a device holds its data line.
-``sampled``   Base class of sensors that measure continuously and flag new samples.
-``bh1750``    ROHM BH1750: illuminance.
-``lis3mdl``   ST LIS3MDL: magnetic field.
-``max17048``  Maxim MAX17048: voltage and charge of a lithium cell.
-``mcp9600``   Microchip MCP9600: thermocouple.
-``mpu6050``   InvenSense MPU-6050: acceleration and angular velocity.
-``sht3x``     Sensirion SHT30, SHT31 and SHT35: temperature and relative humidity.
-``tfluna``    Benewake TF-Luna: distance, by time of flight.
-``vcnl4010``  Vishay VCNL4010: proximity and ambient light.
-``nmea``      NMEA 0183: position, velocity and time from a GNSS receiver.
-``drv8835``   TI DRV8835: H-bridge of a motor, on two PWM outputs.
-``led``       LEDs: a dimmed one, and one that shows the program's state.
-``button``    Debounced push button.
-``port``      The serial port towards the host: USB or a UART.
-``usb_cdc``   USB CDC-ACM serial port, made by the program.
-``pid_line``  Text protocol by which the wheels of a rover are tuned over TCP.
-``starting``  Start-up of a part that may fail and is tried again.
-============  ====================================================================================
+================  ================================================================================
+``bus``           I2C bus that is recovered when a device holds its data line.
+``sampled``       Base class of sensors that measure continuously and flag new samples.
+``bh1750``        ROHM BH1750: illuminance.
+``lis3mdl``       ST LIS3MDL: magnetic field.
+``max17048``      Maxim MAX17048: voltage and charge of a lithium cell.
+``mcp9600``       Microchip MCP9600: thermocouple.
+``mpu6050``       InvenSense MPU-6050: acceleration and angular velocity.
+``sht3x``         Sensirion SHT30, SHT31 and SHT35: temperature and relative humidity.
+``tfluna``        Benewake TF-Luna: distance, by time of flight.
+``vcnl4010``      Vishay VCNL4010: proximity and ambient light.
+``nmea``          NMEA 0183: position, velocity and time from a GNSS receiver.
+``drv8835``       TI DRV8835: H-bridge of a motor, on two PWM outputs.
+``led``           LEDs: a dimmed one, and one that shows the program's state.
+``button``        Debounced push button.
+``port``          The serial port towards the host: USB or a UART.
+``console_port``  The console's line as the line to the agent.
+``usb_cdc``       USB CDC-ACM serial port, made by the program.
+``pid_line``      Text protocol by which the wheels of a rover are tuned over TCP.
+``starting``      Start-up of a part that may fail and is tried again.
+================  ================================================================================
 
 A sensor's driver takes a ``machine.I2C`` and never waits: each call ends with its transfers on the
 bus. Where the sensor needs time, ``start()`` begins a measurement, which is read ``wait_ms`` later.

@@ -11,7 +11,11 @@ talker are used; others are skipped.
 Numbers are kept as integers. An angle is whole degrees and billionths of a degree,
 so that ``latitude`` and ``longitude`` have all the digits that the receiver sent where floats are
 doubles. Where they have 32 bits, as on most boards, the float is rounded by 0.85 m at worst (above
-128 degrees), and `covariance` counts that in; the two integers are exact there, too.
+128 degrees), and `covariance` counts that in; the two integers are exact there, too. This publishes
+them with all digits (see `uros.client.float64`)::
+
+    nano = receiver.latitude_degrees * 1000000000 + receiver.latitude_nano
+    publisher.publish(Exact(fix, latitude=Float64(nano, 1000000000)))
 """
 
 try:

@@ -7,6 +7,7 @@
 ``direct``         A middleware in place of a board's connection to an agent.
 ``background``     Turns of a connection while its program does something else.
 ``interrupt``      Ctrl-C while a node or a network spins.
+``no_agent``       A line for a program whose node no agent answers.
 ``node``           The Node of a host: ``uros.Node``.
 ``lifecycle``      A Node with a life cycle.
 =================  ===============================================================================

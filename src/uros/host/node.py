@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import atexit
 import weakref
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, nullcontext, suppress
 from typing import Any
 
 from ..client import node
@@ -12,6 +12,7 @@ from ..client.connection import Connection
 from ..middleware import open_middleware
 from ..middleware.environment import environment_domain
 from .direct import Direct
+from .no_agent import NoAgentNotice
 
 
 class Node(node.Node):
@@ -61,6 +62,9 @@ class Node(node.Node):
             if opened is not None:
                 opened.close()
             raise
+        self._notice: NoAgentNotice | None = None
+        if self._owner and not isinstance(self.connection, Direct):
+            self._notice = NoAgentNotice(self.connection, name)
         if self._owner and not isinstance(self.connection, Direct):  # which closes itself at exit
             atexit.register(_leave, weakref.ref(self))
 
@@ -80,16 +84,27 @@ class Node(node.Node):
             Whether a callback was run.
         """
         with self._interruptible():
-            return super().spin_once(timeout_sec)
+            return self._spin_once(timeout_sec)
 
     def spin(self) -> None:
         """Spin until Ctrl-C, or until a callback destroys the node."""
         try:
             with self._interruptible():
                 while not self._destroyed:
-                    super().spin_once()
+                    self._spin_once(None)
         except KeyboardInterrupt:
             pass
+
+    def _spin_once(self, timeout_sec: float | None) -> bool:
+        """Spin once; meanwhile say that there is no agent, when that is due."""
+        if self._notice is not None:
+            left = self._notice.left()
+            if left is not None and (timeout_sec is None or left < timeout_sec):
+                if super().spin_once(left):
+                    return True
+                timeout_sec = None if timeout_sec is None else timeout_sec - left
+                self._notice.left()
+        return super().spin_once(timeout_sec)
 
     def _serve(self) -> None:
         if not self._destroyed:  # by the callback that has just run
@@ -105,4 +120,5 @@ def _leave(node: weakref.ref[Node]) -> None:
     """Destroy the node; otherwise the agent keeps its objects until the client timeout."""
     remaining = node()
     if remaining is not None:
-        remaining.destroy_node()
+        with suppress(KeyboardInterrupt):  # a second Ctrl-C ends the wait for the agent's answer
+            remaining.destroy_node()

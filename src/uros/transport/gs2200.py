@@ -92,7 +92,9 @@ class Gs2200Transport(ModemTransport):
             raise ValueError("a network's name has 1 to 32 bytes")
         for text in (ssid, password):
             if "," in text or '"' in text:
-                raise ValueError("the modem's commands take no comma or quotation mark: " + text)
+                raise ValueError(
+                    "the modem takes no comma or quotation mark in the network's name or password"
+                )
         parts = host.split(".")
         if len(parts) != 4 or not all([part.isdigit() and int(part) < 256 for part in parts]):
             raise ValueError("host must be an address like 192.168.1.10: the modem knows no names")

@@ -46,8 +46,10 @@ class Record:
         return offset + len(octets)
 
     def _put(self, out):
-        for name, kind in self.FIELDS:
-            value = getattr(self, name)
+        # A loop: with a recursion, a board's stack has no room left for the client.
+        pending = [(type(self), self)]
+        while pending:
+            kind, value = pending.pop()
             if kind == 16:
                 out += value
             elif isinstance(kind, int):
@@ -56,10 +58,10 @@ class Record:
                 )
             elif isinstance(kind, list):
                 out += bytes(-len(out) % 4) + len(value).to_bytes(4, "little")
-                for item in value:
-                    out = item._put(out)
+                pending += [(kind[0], item) for item in reversed(value)]
             else:
-                out = value._put(out)
+                fields = value.FIELDS
+                pending += [(inner, getattr(value, name)) for name, inner in reversed(fields)]
         return out
 
     @classmethod
@@ -752,14 +754,12 @@ def test_pending_requests_for_a_result_are_limited() -> None:
 def test_a_result_over_the_limit_is_answered_by_an_empty_one() -> None:
     class Long(Record):
         _TYPE = "test_msgs/action/Count_Result"
-
-        def _put(self, out):
-            return out + bytes(40000)
+        FIELDS = (("octets", 16),)  # as many as the value has
 
     desk = ServerDesk()
     assert desk.send(1)
     desk.ask_result(1)
-    desk.server.goals[0].succeed(Long())
+    desk.server.goals[0].succeed(Long(bytes(40000)))
     desk.run(5)
     assert desk.results() == [(2, 0, 0)]
     assert len(desk.errors) == 1 and "limit" in str(desk.errors[0])
@@ -1091,6 +1091,26 @@ def test_without_a_session_nothing_is_sent() -> None:
     assert desk.client.wait_for_server(5.0) and desk.client.server_is_ready()
     desk = ClientDesk(connect=False)
     assert desk.client.wait_for_server()
+
+
+def test_a_client_that_is_ready_can_send_a_goal() -> None:
+    desk = ClientDesk(connect=False)
+    requested = 0  # rounds in which all parts were requested, but the node was not connected yet
+    while not desk.client.server_is_ready():
+        if not [part for part in desk.client.parts if not part.created]:
+            requested += 1
+            assert desk.client.send_goal_async(Count.Goal(1)).exception() is not None
+        desk.node.spin_once(0.01)
+        assert desk.clock.t < 60000000
+    assert requested and desk.node.state == AGENT_CONNECTED
+    assert desk.send(1).accepted
+    # The node is connected, and the parts of another client are still to be created.
+    other = ActionClient(desk.node, Count, "other")
+    assert not other.server_is_ready() and desk.client.server_is_ready()
+    assert other.wait_for_server(5.0)
+    assert not other.send_goal_async(Count.Goal(1)).done()
+    desk.lose()
+    assert not desk.client.server_is_ready()
 
 
 def test_the_end_of_a_session_fails_pending_futures() -> None:

@@ -16,12 +16,13 @@ class Stamp:
 
 
 def test_ticks_have_30_bits_and_advance() -> None:
-    for read, least in ((ticks.ticks_ms, 2), (ticks.ticks_us, 2000)):
+    for read, unit in ((ticks.ticks_ms, 1), (ticks.ticks_us, 1000)):
         before = read()
-        ticks.sleep_ms(2)
+        ticks.sleep_ms(5)
         after = read()
         assert 0 <= before <= TIME_MASK and 0 <= after <= TIME_MASK
-        assert least <= ticks_diff(after, before) < 1000 * least
+        # Ports that count ticks of a millisecond sleep up to one less, and read up to one less.
+        assert 3 * unit <= ticks_diff(after, before) < 2000 * unit
     clock = Clock()
     assert ticks_diff(clock.ms(), ticks.ticks_ms()) <= 0
     assert ticks_diff(clock.us(), ticks.ticks_us()) <= 0

@@ -1,17 +1,21 @@
 """Messages described by letters. Also runs on MicroPython."""
 
+from support.portable import SINGLE_FLOATS
+
 from uros.client.dynamic_messages import Shape, ShapedService
 
 # Each type of field, with the padding of CDR.
 LETTERS = "?BiIqQds[B][?][d][s][[i]][sq]"
+# A number whose double has no zero octets, and one that is exact where floats have 32 bits.
+LARGE, LARGE_OCTETS = (1.5, "000000000000f83f") if SINGLE_FLOATS else (1e300, "9c7500883ce4377e")
 VALUES = [
     True, 200, -2, 4000000000, -(2**63), 2**64 - 1, -0.5, "grün", b"\x01\x02", [True, False],
-    [0.25, 1e300], ["", "a"], [[[1]], [[]]], [["b", -1]],
+    [0.25, LARGE], ["", "a"], [[[1]], [[]]], [["b", -1]],
 ]  # fmt: skip
 OCTETS = (
     "01c80000 feffffff 00286bee 00000000 0000000000000080 ffffffffffffffff"
     "000000000000e0bf 06000000 6772c3bc6e00 0000 02000000 0102 0000 02000000 0100 0000"
-    "02000000 000000000000d03f 9c7500883ce4377e 02000000 01000000 00 000000 02000000"
+    "02000000 000000000000d03f" + LARGE_OCTETS + "02000000 01000000 00 000000 02000000"
     "6100 0000 02000000 01000000 01000000 00000000 01000000 02000000 6200 0000"
     "ffffffffffffffff"
 )

@@ -3,6 +3,7 @@
 import sys
 
 from support.board import FakeClock
+from support.portable import SINGLE_FLOATS
 
 from uros.client.executor import ALWAYS, ON_NEW_DATA, Executor, Timer
 from uros.client.guard_condition import LATENCY_MS, GuardCondition
@@ -354,6 +355,7 @@ def test_missed_periods_are_skipped_and_counted() -> None:
 def test_a_million_periods_do_not_drift() -> None:
     """The period is no whole number of milliseconds nor of microseconds."""
     count = 1000000 if sys.implementation.name == "cpython" else 60000
+    rounding = 33333 / 2**24 if SINGLE_FLOATS else 0
     clock = FakeClock()
     start = clock.t
     timer = Timer(1 / 30, lambda: None, clock)
@@ -365,7 +367,8 @@ def test_a_million_periods_do_not_drift() -> None:
         timer.execute(True)
         if n % 9999 == 0 or n == count:
             off = clock.t - start - n * 33333333 // 1000
-            assert -1000 <= off <= 0, (n, off)
+            # Where floats have 32 bits, the period itself is rounded to 24 bits.
+            assert -1000 - rounding * n <= off <= rounding * n, (n, off)
     assert timer.missed == 0
 
 
@@ -509,9 +512,9 @@ def test_wait_is_never_negative() -> None:
 
 def test_the_longest_period_and_the_shortest() -> None:
     clock = FakeClock()
-    for period in (0.001, 499999.999):
+    for period in (0.001, 262144.0 if SINGLE_FLOATS else 499999.999):
         assert Timer(period, print, clock).timer_period_ns == int(period * 1000 + 0.5) * 1000000
-    for period in (0.0009, 500000.0, 500000.001):
+    for period in (0.0009, 500001.0 if SINGLE_FLOATS else 500000.0, 500001.0):
         try:
             Timer(period, print, clock)
         except ValueError:

@@ -2,6 +2,7 @@
 
 import os
 
+from support.portable import SINGLE_FLOATS
 from support.services import Bench
 
 from uros.client.parameter_file import ParameterFile
@@ -15,17 +16,24 @@ from uros.client.parameters import (
 try:
     from tempfile import mkdtemp
 except ImportError:  # MicroPython
-    _folders = []
 
     def mkdtemp():
-        _folders.append("/parameters%d" % len(_folders))
-        os.mkdir(_folders[-1])
-        return _folders[-1]
+        """Make a folder of a new name in the working folder, which the board may write to."""
+        number = 0
+        while True:
+            folder = "parameters%d" % number
+            try:
+                os.mkdir(folder)
+                return folder
+            except OSError:
+                os.stat(folder)  # raises unless it exists; the number of EEXIST differs by port
+            number += 1
 
 
 PERIOD = 5.0
+ODD = 1e-30 if SINGLE_FLOATS else 1e-300
 VALUES = {
-    "bool": True, "int": -(2**63), "float": 1.0, "odd": 1e-300, "text": 'grün "\n',
+    "bool": True, "int": -(2**63), "float": 1.0, "odd": ODD, "text": 'grün "\n',
     "octets": b"\0\xff", "bools": [True, False], "ints": [4],
     "floats": [0.5, float("inf")], "texts": ["a", ""],
     "nothing": float("-inf"),

@@ -1,9 +1,13 @@
 """The PID controller alone, and with a first-order motor."""
 
+from support.portable import SINGLE_FLOATS
+
 from uros.control.pid import Pid
 
 
 def near(value, wanted, within=1e-6):
+    if SINGLE_FLOATS:
+        within = max(within, 1e-6 * abs(wanted))
     assert abs(value - wanted) <= within, (value, wanted)
 
 

@@ -864,6 +864,22 @@ def test_three_lines_end_with_ctrl_c_and_leave_the_network(monkeypatch, own_doma
             process.communicate()
 
 
+def test_a_second_ctrl_c_while_a_node_leaves_shows_no_traceback():
+    program = (
+        "import uros\n"
+        "from uros.transport.udp import UdpTransport\n"
+        "class Interrupted(uros.Node):\n"
+        "    def destroy_node(self):\n"
+        "        print('leaves')\n"
+        "        raise KeyboardInterrupt\n"
+        "node = Interrupted('n', UdpTransport('127.0.0.1', 9))\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "leaves\n", "")
+
+
 @pytest.mark.parametrize("kind", [str, "std_msgs/msg/String", None, Trigger])
 def test_a_publisher_of_what_is_no_message_type_is_refused(node, kind):
     before = len(node._entities)
@@ -886,3 +902,58 @@ def test_a_service_of_what_is_no_service_type_is_refused(node, kind):
         with pytest.raises(TypeError, match=r"/go: .* is not a service type: give a class"):
             create()
     assert len(node._entities) == before
+
+
+# --- a board's node on a host -----------------------------------------------------------------
+
+
+def test_a_node_without_an_agent_says_so_once_and_goes_on(monkeypatch, capsys):
+    monkeypatch.setattr("uros.host.no_agent.PATIENCE", 0.05)
+    node = Node("counter", UdpTransport("127.0.0.1", 9))
+    ticks = []
+    node.create_timer(0.001, lambda: ticks.append(1))
+    try:
+        while not capsys_has(capsys, "no agent has answered the node counter for 0.05 s"):
+            node.spin_once(0.01)
+        for _ in range(5):
+            assert node.spin_once(1.0)
+        assert capsys.readouterr().err == ""
+        # A wait without limit is ended by the line too, and goes on.
+        waiting = Node("waiting", UdpTransport("127.0.0.1", 9))
+
+        def interrupt_soon(text):
+            threading.Timer(0.05, lambda: signal.raise_signal(signal.SIGINT)).start()
+            return text
+
+        monkeypatch.setattr("uros.host.no_agent.printable", interrupt_soon)
+        with default_signals():
+            waiting.spin()
+        err = capsys.readouterr().err
+        assert err.count("\n") == 1 and "'uros agent udp4 --port N', or check the address" in err
+        waiting.destroy_node()
+    finally:
+        node.destroy_node()
+    assert ticks
+
+
+def test_the_transports_of_the_notice_exist():
+    from uros.host.no_agent import _COMMANDS
+    from uros.transport.serial import StreamTransport
+    from uros.transport.tcp import TcpTransport
+
+    assert {kind.__name__ for kind in (UdpTransport, TcpTransport, StreamTransport)} == {*_COMMANDS}
+
+
+def capsys_has(capsys, text):
+    return text in capsys.readouterr().err
+
+
+def test_nothing_is_said_once_the_node_was_connected(monkeypatch, capsys):
+    monkeypatch.setattr("uros.host.no_agent.PATIENCE", 0.0)
+    node = Node("counter", UdpTransport("127.0.0.1", 9))
+    node.connection.connections = 1
+    node.spin_once(0.0)
+    node.connection.connections = 0
+    node.spin_once(0.01)
+    assert capsys.readouterr().err == ""
+    node.destroy_node()

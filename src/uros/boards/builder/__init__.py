@@ -10,6 +10,7 @@
 ``scopes``          Finds which names code binds, and which of them an inner scope hides
 ``pipeline``        The passes of a build over uros's modules, in their order
 ``passes``          The passes of the builder, each a module
+``secrets_file``    The module ``secrets`` of a board, which is no part of a build
 ``compiler``        Compiles modules to MicroPython's bytecode, by mpy-cross
 ``field_check``     Finds fields of messages that a program names and their types do not have
 ``type_inference``  Infers which expressions of a program are messages, and of which type

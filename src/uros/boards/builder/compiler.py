@@ -36,6 +36,11 @@ def bytecode(text: str, name: str, source: str, level: str = "-O3") -> bytes:
             *command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
         )
         output, _ = process.communicate()
+        if "invalid arch" in output:
+            raise CompilerError(
+                f"{source}: @micropython.native, viper and asm make machine code, which has to fit"
+                " the board: leave --mpy out, and the board makes it from the text"
+            )
         if process.returncode or not target.exists():
             raise CompilerError(f"{source}: mpy-cross refuses it: {output.strip()}")
         return target.read_bytes()

@@ -60,10 +60,10 @@ def build(
     needs more memory than the bundle saves.
 
     Args:
-        program: Folder of the program. All its files go to the board, except hidden files and
-            ``.md``. The search for imports starts at its Python files. Interface types come from
-            `add_folder` and the search path of ROS, and are imported as
-            ``from sensor_msgs.msg import Temperature``.
+        program: Folder of the program. All its files go to the board, except hidden files, ``.md``,
+            ``secrets.py`` and the folder ``tests``. The search for imports starts at its Python
+            files. Interface types come from `add_folder` and the search path of ROS, and are
+            imported as ``from sensor_msgs.msg import Temperature``.
         out: Folder to write. It is replaced as a whole after everything is built; a folder that
             holds anything but an earlier build is refused.
         form: ``"py"``, or ``"mpy"`` for bytecode (the program's main.py and boot.py stay text).

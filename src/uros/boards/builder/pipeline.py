@@ -150,7 +150,7 @@ PASSES: Final = (
         "merge-classes",
         "merges a class with its only subclass",
         "only the subclass names the base; both bodies only bind methods and constants, each name"
-        " once; super() appears only in calls of an overridden method",
+        " once; super() appears only to get an overridden method",
         _on_bundle(_merge_classes),
         bytecode=True,
     ),

@@ -11,6 +11,7 @@ from typing import Final
 from uros import moved
 from uros.interfaces import InterfaceError, package, registry
 
+from . import secrets_file
 from .errors import BuildError, MissingModule, SourceError
 from .modules import ABSENT, Module, Wanted, imports
 from .passes.strip import strip
@@ -47,7 +48,7 @@ class Resolver:
         self.program = program
         self.terse = terse and not checked
         self.checked = checked
-        self.provided = _PROVIDED | provided
+        self.provided = _PROVIDED | {secrets_file.MODULE} | provided
         self.modules: dict[str, Module] = {}
         self.types: dict[str, Module] = {}  # names of types, and the first module that imports each
         self.data_files: dict[str, bytes] = {}  # the program's files that are not Python
@@ -69,6 +70,8 @@ class Resolver:
         for file in sorted(self.program.rglob("*")):
             relative_path = file.relative_to(self.program)
             if any(part.startswith((".", "__pycache__")) for part in relative_path.parts):
+                continue
+            if relative_path.parts[0] in (secrets_file.TESTS, secrets_file.FILE):
                 continue
             if file.suffix == ".py":
                 self.parse_program_file(file, relative_path)

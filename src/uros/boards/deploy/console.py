@@ -1,4 +1,4 @@
-"""Extracts the text of a board's console line for a terminal, without the XRCE frames in between.
+"""Extracts the text of a board's console line for a terminal, and explains errors in it.
 
 A board with one line for console and agent prints between its frames: frames are recognized by
 their checksum, removed and counted. Control characters that a terminal would obey are escaped.
@@ -85,6 +85,31 @@ class ConsoleText:
             out += [printable(text[at : sequence.start()], _HARMLESS), sequence[0]]
             at = sequence.end()
         return "".join([*out, printable(text[at:], _HARMLESS)])
+
+
+# Errors of a board, and what they mean for a program that uros has deployed.
+_HINTS: Final = {
+    "incompatible .mpy file": "the bytecode on the board is of another version than its firmware"
+    " reads: deploy the program again, which checks it, or without --mpy",
+    "incompatible .mpy arch": "a .mpy file on the board has machine code of another processor:"
+    " deploy the program again, which names the file",
+    "no module named 'secrets'": "the board has no secrets.py: give deploy --secrets FILE",
+}
+
+
+class Hints:
+    """Finds errors in the text of a console that need an explanation, each once."""
+
+    def __init__(self) -> None:
+        self._left = dict(_HINTS)
+        self._tail = ""
+
+    def feed(self, text: str) -> list[str]:
+        """Return the explanations for errors in a piece of text, or over the end of the last."""
+        text = self._tail + text
+        found = [self._left.pop(error) for error in list(self._left) if error in text]
+        self._tail = text[-max(map(len, _HINTS)) :]
+        return found
 
 
 def _frame_end(data: bytes, flag: int) -> int | None:

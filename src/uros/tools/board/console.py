@@ -180,6 +180,9 @@ def show(port: OpenPort, device: str, seconds: float | None) -> None:
 
 
 def _carry(port: OpenPort, device: str, text: Any, keys: int | None, end: float | None) -> None:
+    from ...boards.deploy.console import Hints
+
+    hints = Hints()
     heard = time.monotonic()
     while end is None or time.monotonic() < end:
         try:
@@ -204,6 +207,8 @@ def _carry(port: OpenPort, device: str, text: Any, keys: int | None, end: float 
             shown += text.flush()
         if shown:
             _print(shown, keys is not None)
+            for hint in hints.feed(shown):
+                _say(hint)
 
 
 def _print(text: str, live: bool) -> None:

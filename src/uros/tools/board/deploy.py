@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 from ...printable import printable, unguarded
 from ..errors import ToolError
 from .board_option import add_board_option, chosen_board
-from .build import add_build, build_files, program_folder
+from .build import add_build, add_secrets, build_files, program_folder, read_secrets
 from .console import add_port, add_seconds, open_port, show
 
 if TYPE_CHECKING:
@@ -45,6 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_port(parser)
     add_board_option(parser)
     add_build(parser)
+    add_secrets(parser)
     parser.add_argument(
         "--clean", action="store_true",
         help="remove all other files from the board",
@@ -77,7 +78,8 @@ def run(args: argparse.Namespace) -> int:
     from ...boards.deploy.raw_repl import NoRepl, RawRepl, ReplError
 
     board = chosen_board(args)
-    files = _files(args)
+    folder = _folder(args)
+    files = _files(args, folder)
     port = open_port(args, f"uros board deploy {args.program}")
     try:
         repl = RawRepl(port)
@@ -101,26 +103,42 @@ def _show(port: OpenPort, args: argparse.Namespace) -> None:
     show(port, args.port, args.seconds)
 
 
-def _files(args: argparse.Namespace) -> dict[str, bytes]:
-    """Return the files for the board. Raises ToolError and InterfaceError."""
+def _folder(args: argparse.Namespace) -> Path:
+    """Return the folder of the program, or of its build. Raises ToolError."""
     from ...boards.builder.file_system import is_built
 
-    if is_built(Path(args.program)):
-        return _read(Path(args.program))
-    folder = program_folder(args.program)
-    with tempfile.TemporaryDirectory(prefix="uros-") as scratch:
-        out = Path(scratch, "files")
-        build_files(args, folder, out)
-        return _read(out)
+    return Path(args.program) if is_built(Path(args.program)) else program_folder(args.program)
+
+
+def _files(args: argparse.Namespace, folder: Path) -> dict[str, bytes]:
+    """Return the files for the board. Raises ToolError and InterfaceError."""
+    from ...boards.builder import secrets_file
+    from ...boards.builder.file_system import is_built
+
+    if is_built(folder):
+        files = _read(folder)
+    else:
+        with tempfile.TemporaryDirectory(prefix="uros-") as scratch:
+            out = Path(scratch, "files")
+            build_files(args, folder, out)
+            files = _read(out)
+    secrets = read_secrets(args, folder)
+    if secrets is not None:
+        files[secrets_file.FILE] = secrets
+    return files
 
 
 def _read(folder: Path) -> dict[str, bytes]:
+    from ...boards.deploy.frozen import is_manifest
     from ...boards.deploy.mip import MANIFEST
 
     return {
         path.relative_to(folder).as_posix(): path.read_bytes()
         for path in sorted(folder.rglob("*"))
-        if path.is_file() and not path.name.startswith(".") and path != folder / MANIFEST
+        if path.is_file()
+        and not path.name.startswith(".")
+        and path != folder / MANIFEST
+        and not is_manifest(path)
     }
 
 
@@ -134,6 +152,7 @@ def _deploy(
     say(f"{args.port}: {device.machine or device.platform}, MicroPython {device.version}")
     _check_port(device, args, wanted)
     check(device, files)
+    _check_secrets(repl, args, files)
     plan = make_plan(repl, device, files, args.clean)
     if not args.in_place:
         check_room(device, plan, files)
@@ -159,6 +178,19 @@ def _check_port(device: Device, args: argparse.Namespace, wanted: str) -> None:
         raise ToolError(
             f"{args.port}: {args.board} has MicroPython for {wanted}, and this board's is for"
             f" {port} ({device.machine}): plug the other board in, or correct --board or --port"
+        )
+
+
+def _check_secrets(repl: RawRepl, args: argparse.Namespace, files: dict[str, bytes]) -> None:
+    """Raise ToolError if the program imports secrets that the board has not and does not get."""
+    from ...boards.builder.secrets_file import FILE, first_import
+    from ...boards.deploy.deploy import has_secrets
+
+    place = first_import(_folder(args))
+    if place and FILE not in files and (args.clean or not has_secrets(repl)):
+        raise ToolError(
+            f"{args.port}: {place} imports secrets, and the board has no {FILE}"
+            f"{' after --clean' * args.clean}: give --secrets FILE, which then stays on the board"
         )
 
 

@@ -9,6 +9,7 @@ from typing import Final
 
 from ..common import add_interfaces, know_interfaces
 from ..errors import ToolError
+from ..progress import Progress
 
 _EPILOG: Final = """\
 A package index for MicroPython's installer mip. It has the client ('uros'), its other modules one
@@ -53,7 +54,9 @@ def run(args: argparse.Namespace) -> int:
     know_interfaces(args)
     out = Path(args.out)
     try:
-        names = write_index(out, ("py", "mpy") if args.mpy else ("py",))
+        with Progress("packages") as progress:
+            forms = ("py", "mpy") if args.mpy else ("py",)
+            names = write_index(out, forms, progress=progress.show)
     except BuildError as error:
         raise ToolError(str(error)) from error
     except OSError as error:

@@ -55,6 +55,13 @@ def check_name(name: str) -> None:
     from ...boards.virtual.models.catalog import BOARDS
 
     if name not in BOARDS:
+        from ...boards.deploy.known_boards import NAMED
+
+        if name in NAMED:
+            raise ToolError(
+                f"{name!r} is a real board ('uros board list --ports' lists those), not a virtual"
+                " one: 'uros board list' has the names"
+            )
         close = did_you_mean(name, BOARDS) or f" (there are {', '.join(BOARDS)})"
         raise ToolError(f"there is no board {name!r}{close}")
 

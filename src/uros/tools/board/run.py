@@ -7,8 +7,9 @@ import sys
 from typing import Final
 
 from ..agent.options.transports import port
-from ..common import add_engine, add_interfaces, know_distro, positive_float
+from ..common import add_engine, add_interfaces, know_distro, positive_float, positive_int
 from ..errors import ToolError
+from .build import add_provided, add_secrets
 from .list import check_name
 from .simulation import AGENT_PORT, Plan, Simulation, titles
 
@@ -50,6 +51,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--firmware", metavar="DIR", help="folder with another program (main.py) for the board"
     )
     add_interfaces(parser)
+    add_secrets(parser)
+    add_provided(parser)
     parser.add_argument(
         "--fault", metavar="SPEC", action="append", default=[],
         help="action or fault at the start, such as sht3x:nack; may be repeated",
@@ -64,6 +67,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="path of the USB line (default: a temporary one)",
     )
     add_agent(parser)
+    parser.add_argument(
+        "--baudrate", "-b", metavar="N", type=positive_int,
+        help="baud rate of the agent at a board's UART (default: that of the board's own program,"
+        " 115200 or 921600); no matter for a board with its own USB",
+    )  # fmt: skip
     parser.add_argument(
         "--speed", type=positive_float, default=1.0, metavar="X",
         help="run the time of the boards and their world X times as fast; stamps are wrong then",
@@ -109,7 +117,8 @@ def run(args: argparse.Namespace) -> int:
     plans = [
         Plan(
             title, name, args.firmware, args.engine, args.seed + index, args.fault, args.plug,
-            args.interfaces, args.link, args.speed,
+            args.interfaces, args.provided, args.link, args.speed, baud=args.baudrate,
+            secrets=args.secrets,
         )
         for index, (title, name) in enumerate(zip(titles(args.boards), args.boards, strict=True))
     ]  # fmt: skip

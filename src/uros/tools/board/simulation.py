@@ -5,18 +5,18 @@ from __future__ import annotations
 import os
 import queue
 import shlex
-import signal
 import sys
 import tempfile
 import threading
 import time
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Any, Final
 
 from ..agent.child_process import AgentProcess
+from ..ending import end_on_signals, uninterrupted
 from ..errors import ToolError
 from .screen import Row, Screen
 
@@ -28,9 +28,12 @@ _REDRAW_SECONDS: Final = 0.25
 _ASK_SECONDS: Final = 1.0
 # Without a table, the state of a part is printed at most this often.
 _TELL_SECONDS: Final = 1.0
+_USUAL_BAUD: Final = 115_200  # the agent's default
 # Log levels of the agent.
 _WARNINGS: Final = 3
 _INFO: Final = 4
+# Causes of resets, as machine.reset_cause() numbers them, that are no reset of the user.
+_CAUSES: Final = {3: "the watchdog has reset the board", 4: "the board wakes"}
 _HELP: Final = (
     "commands, one a line: {example}; or reset, heap, quit ('uros board list {name}' lists all that"
     " can happen)"
@@ -52,9 +55,12 @@ class Plan:
     happen: Sequence[str] = ()
     plugs: Sequence[str] = ()
     interfaces: Sequence[str] = ()
+    provided: Sequence[str] = ()
     link: str | None = None
     speed: float = 1.0
     namespace: str = ""
+    secrets: str | None = None
+    baud: int | None = None  # of the agent for it; None is that of the board's own program
 
 
 def titles(names: Sequence[str]) -> list[str]:
@@ -74,7 +80,7 @@ class _Seat:
     plan: Plan
     board: RunningBoard
     address: str  # its own IP address on this host
-    program: str = "runs"
+    program: str = "starts"
     failed: bool = False
     shows: dict[str, str] = field(default_factory=dict)
     told: dict[str, tuple[float, str]] = field(default_factory=dict)
@@ -119,26 +125,25 @@ class Simulation:
         from ...boards.virtual.engine.runner import StartError
         from ...boards.virtual.models.catalog import BoardError
 
-        _end_on_signals()
+        end_on_signals()
         try:
-            for index, plan in enumerate(self._plans):
-                seat = self._seat(index, plan)
-                self._seats.append(seat)
-                seat.board.start()
+            self._seats = [self._seat(index, plan) for index, plan in enumerate(self._plans)]
+            self._start_boards()
             if self._wanted:
                 self._start_agent()
-            if self._screen.live:
-                self._screen.show(self._table())  # first: later lines scroll below it
             self._introduce()
             threading.Thread(target=_read_input, args=(self._events,), daemon=True).start()
             self._loop()
         except (StartError, BoardError) as error:
             raise ToolError(str(error)) from error
+        except TimeoutError as error:
+            raise ToolError(f"{error}: is this machine busy? Run fewer boards") from error
         except KeyboardInterrupt:
             if not self._screen.live:
                 print()
         finally:
-            self._close()
+            with uninterrupted():
+                self._close()
         return int(any(seat.failed for seat in self._seats))
 
     def _seat(self, index: int, plan: Plan) -> _Seat:
@@ -153,11 +158,39 @@ class Simulation:
         board = RunningBoard(
             plan.firmware or plan.board, plan.board, plan.engine,
             happen=plan.happen, link=plan.link, seed=plan.seed, plugs=plan.plugs,
-            interfaces=plan.interfaces, speed=plan.speed, agent=("127.0.0.1", port),
-            address=address, on_event=lambda event: self._events.put((seat, event)),
+            interfaces=plan.interfaces, provided=plan.provided, speed=plan.speed,
+            secrets=plan.secrets, agent=("127.0.0.1", port), address=address,
+            on_event=lambda event: self._events.put((seat, event)),
         )  # fmt: skip
         seat = _Seat(plan, board, address)
         return seat
+
+    def _start_boards(self) -> None:
+        """Start the boards, as many at a time as there are processors, and print each that runs.
+
+        Raises:
+            StartError: A board does not start.
+            TimeoutError: A board was not ready in time.
+        """
+        if len(self._seats) > 1:
+            self._say(None, f"starting {len(self._seats)} boards")
+        if self._screen.live:
+            self._screen.show(self._table())  # first: later lines scroll below it
+        with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+            starts = {pool.submit(seat.board.start): seat for seat in self._seats}
+            try:
+                for start in as_completed(starts):
+                    start.result()
+                    self._started(starts[start])
+            finally:
+                pool.shutdown(cancel_futures=True)
+
+    def _started(self, seat: _Seat) -> None:
+        seat.program = "runs"
+        line = seat.board.path
+        self._say(seat, f"{seat.plan.board} runs on {seat.plan.engine}; its USB line is {line}")
+        if self._screen.live:
+            self._screen.show(self._table())
 
     # --- the agent --------------------------------------------------------------------
 
@@ -165,16 +198,14 @@ class Simulation:
         from ...boards.virtual.models.catalog import find
         from ...middleware.environment import environment_domain
 
-        lines = [
-            str(seat.board.path)
-            for seat in self._seats
-            if not find(seat.plan.board).agent and talks_to_agent(seat.plan)
-        ]
+        lines: dict[int, list[str]] = {}  # by baud rate
+        for seat in self._seats:
+            if not find(seat.plan.board).agent and talks_to_agent(seat.plan):
+                lines.setdefault(_baud(seat), []).append(str(seat.board.path))
         arguments = []
-        if len(lines) == 1:
-            arguments += ["serial", "--dev", lines[0]]
-        elif lines:
-            arguments += ["multiserial", "--devs", *lines]
+        for baud, devices in lines.items():
+            arguments += ["serial", "--dev"] if len(devices) == 1 else ["multiserial", "--devs"]
+            arguments += [*devices, "--baudrate", str(baud)]
         if any(find(plan.board).agent or plan.plugs for plan in self._plans) or not lines:
             arguments += ["udp4", "--port", str(self._port)]
         # The table shows the boards; beside it only warnings are of interest.
@@ -240,15 +271,19 @@ class Simulation:
         self._screen.say(f"{name}: {text}")
 
     def _introduce(self) -> None:
-        for seat in self._seats:
-            line = seat.board.path
-            self._say(seat, f"{seat.plan.board} runs on {seat.plan.engine}; its USB line is {line}")
+        from ...middleware.environment import environment_domain
+
         if self._wanted:
             self._say(None, "an agent runs too; Ctrl-C ends everything")
         for seat in self._seats:
             command = self._next(seat)
             if command:
                 self._say(seat, f"next, in another terminal: {command}")
+        if self._wanted:
+            command = "uros topic list -t"
+            if domain := environment_domain():
+                command += f" --domain {domain}"
+            self._say(None, f"next, in another terminal: {command}")
         self._say(None, self._help())
 
     def _next(self, seat: _Seat) -> str:
@@ -264,6 +299,8 @@ class Simulation:
         if self._wanted:
             return ""
         how = f"udp4 --port {self._port}" if wants else f"serial --dev {path}"
+        if not wants and _baud(seat) != _USUAL_BAUD:
+            how += f" --baudrate {_baud(seat)}"
         domain = environment_domain()
         return f"uros agent {how}" + (f" --domain {domain}" if domain else "")
 
@@ -335,6 +372,15 @@ class Simulation:
         elif kind == "usb":
             error = f" ({event['error']})" if event["error"] else ""
             self._say(seat, f"USB {event['state']}{error}")
+        elif kind == "baud":
+            remedy = f"--baudrate {event['board']}"
+            remedy = f"run the board with {remedy}" if self._wanted else f"use {remedy} there"
+            self._say(
+                seat,
+                f"its UART has {event['board']} baud, and the program at the other end of its line"
+                f" {event['line']}: both receive noise; {remedy}, or UART(..., {event['line']}) in"
+                " the board's program",
+            )
         elif kind == "ready":
             seat.faults = event["faults"]
         elif kind == "part":
@@ -344,7 +390,13 @@ class Simulation:
         elif kind == "reset":
             seat.failed = False
             seat.program = "runs"
-            self._say(seat, "reset: the program starts again")
+            why = _CAUSES.get(event["cause"], "reset")
+            self._say(seat, f"{why}: the program starts again")
+        elif kind == "asleep":
+            seat.program = "asleep"
+            seconds = event["ms"] / 1000
+            end = f"for {seconds:g} s" if seconds else "until its reset button is pressed"
+            self._say(seat, f"machine.deepsleep: the board sleeps {end}")
         elif kind == "ended":
             seat.failed = bool(event["traceback"])
             seat.program = "failed" if seat.failed else "ended"
@@ -429,6 +481,11 @@ class Simulation:
             self._rules.cleanup()
 
 
+def _baud(seat: _Seat) -> int:
+    """Return the baud rate of the agent for a board."""
+    return seat.plan.baud or seat.board.baud
+
+
 def talks_to_agent(plan: Plan) -> bool:
     """Return whether the program is a ROS node, by its imports."""
     from ...boards.virtual.engine.runner import firmware_folder
@@ -436,17 +493,6 @@ def talks_to_agent(plan: Plan) -> bool:
 
     folder = Path(plan.firmware) if plan.firmware else firmware_folder(find(plan.board))
     return any("uros.client" in file.read_text(encoding="utf-8") for file in folder.rglob("*.py"))
-
-
-def _end_on_signals() -> None:
-    """Close the boards at SIGTERM and SIGHUP too, so that no process or folder is left."""
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        if signal.getsignal(number) == signal.SIG_DFL:  # nohup ignores SIGHUP
-            signal.signal(number, _end)
-
-
-def _end(number: int, frame: FrameType | None) -> None:
-    raise SystemExit(128 + number)
 
 
 def _read_input(events: queue.Queue[tuple[_Seat | None, dict[str, Any]]]) -> None:

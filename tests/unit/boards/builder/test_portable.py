@@ -1,7 +1,9 @@
 """The lists of portable modules in other files agree with portable.py."""
 
+import ast
 import json
 import re
+import struct
 
 from support.paths import ROOT
 
@@ -23,3 +25,12 @@ def test_the_package_indexes_have_portable_modules_alone() -> None:
     for name in ("package.json", "package-all.json"):
         sources = {source for _, source in json.loads((ROOT / name).read_text("utf-8"))["urls"]}
         assert sources <= files | {"src/uros/__init__.py"}, name
+
+
+def test_floats_can_be_frozen_into_firmware_with_32_bit_floats() -> None:
+    """MicroPython's tool packs the constants of a frozen module, and the compiler accepts no 0."""
+    for path in portable_files():
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.Constant) and isinstance(node.value, float):
+                packed = struct.pack("<f", node.value)
+                assert any(packed) == bool(node.value), f"{path}:{node.lineno}: {node.value}"

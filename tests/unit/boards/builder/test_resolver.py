@@ -997,6 +997,26 @@ f = lambda value: isinstance(value, Asked)
     assert scope["Heir"].__mro__[1:] == (object,)
 
 
+@pytest.mark.parametrize(
+    "use", ["super().f()", "attempt(super().f)", "[super().f][0]()", "attempt(self.g, super().f())"]
+)
+def test_a_method_of_the_base_may_be_called_or_passed_on(use: str) -> None:
+    text = """
+def attempt(call, *arguments): return call(*arguments)
+class A:
+    def f(self): return ("f", self.n)
+class B(A):
+    n = 7
+    def g(self, value): return value
+    def f(self): return """
+    tree = ast.parse(text + use)
+    merge_classes(tree, [])
+    assert [node.name for node in tree.body if isinstance(node, ast.ClassDef)] == ["B"]
+    scope: dict = {}
+    exec(ast.unparse(tree), scope)
+    assert scope["B"]().f() == ("f", 7)
+
+
 BASE = "class A:\n    def f(self): return 1\n"
 
 
@@ -1023,9 +1043,10 @@ BASE = "class A:\n    def f(self): return 1\n"
         "class A:\n    @property\n    def f(self): pass\nclass B(A):\n    def f(self): pass",
         BASE + "class B(A):\n    @property\n    def f(self): pass",
         BASE + "    def f(self): return 2\nclass B(A): pass",
-        # Uses of super() other than a call of an overridden method.
+        # Uses of super() other than an overridden method in the scope of a method.
         BASE + "class B(A):\n    def g(self): return super().f()",
-        BASE + "class B(A):\n    def f(self): return super().f",
+        BASE + "class B(A):\n    f = attempt(super().f)",
+        BASE + "class B(A):\n    def f(self): return attempt(lambda: super().f)",
         BASE + "class B(A):\n    def f(self): return [super().f() for _ in x]",
         BASE + "class B(A):\n    def f(self): return lambda: super().f()",
         BASE + "class B(A):\n    def f(self): return super(B, self).f()",

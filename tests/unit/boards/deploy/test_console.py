@@ -4,7 +4,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from uros.boards.deploy.console import ConsoleText
+from uros.boards.deploy.console import ConsoleText, Hints
 from uros.wire.framing import frame, frame_size
 
 
@@ -71,3 +71,13 @@ def test_text_between_frames_is_unchanged(parts: list[str | bytes]) -> None:
     data = b"".join(part.encode() if isinstance(part, str) else framed(part) for part in parts)
     expected = "".join(part for part in parts if isinstance(part, str))
     assert shown(data, 5) == (expected, sum(isinstance(part, bytes) for part in parts))
+
+
+def test_errors_that_need_an_explanation_get_it_once() -> None:
+    hints = Hints()
+    said = []
+    text = "ok\r\nValueError: incompatible .mpy file\r\n" * 2 + "no module named 'secrets'\r\n"
+    for letter in text:
+        said += hints.feed(letter)
+    assert len(said) == 2 and "another version" in said[0] and "--secrets FILE" in said[1]
+    assert Hints().feed("no module named 'secret'") == []

@@ -69,7 +69,11 @@ def read(root: Path, form: str, name: str) -> tuple[dict[str, bytes], list[list[
 
 def test_an_index_has_modules_and_types_in_both_forms(tmp_path: Path) -> None:
     wanted = ["std_msgs/msg/Int32", "std_msgs/msg/Header"]
-    names = write_index(tmp_path, interfaces=wanted)
+    steps: list[tuple[int, int]] = []
+    names = write_index(
+        tmp_path, interfaces=wanted, progress=lambda done, total: steps.append((done, total))
+    )
+    assert steps == [(at, 2 * len(names)) for at in range(2 * len(names))]
     assert {"uros", "uros-parameters", "std_msgs", *wanted} <= set(names)
     for form, suffix in (("py", ".py"), ("6", ".mpy")):
         files, deps = read(tmp_path, form, "uros")

@@ -2,10 +2,12 @@
 
 import json
 import os
+import re
 import select
 import signal
 import subprocess
 import sys
+import time
 
 import pytest
 from support.paths import ROOT
@@ -230,6 +232,8 @@ def test_no_process_or_folder_is_left_after_any_end(run, tmp_path, number):
 def test_a_board_with_its_agent(run, own_domain_id):
     board = run("ra6m5_sensor_node", env=dict(os.environ, ROS_DOMAIN_ID=str(own_domain_id)))
     assert board.until("Ctrl-C")[-1] == "board: an agent runs too; Ctrl-C ends everything"
+    command = board.until("next")[-1].partition("another terminal: ")[2]
+    assert command == f"uros topic list -t --domain {own_domain_id}"
     assert f"domain_id: {own_domain_id}" in board.until("domain overridden")[-1]
     for _ in range(7):
         board.until("datawriter created")
@@ -237,6 +241,99 @@ def test_a_board_with_its_agent(run, own_domain_id):
     lines = board.until("server stopped")
     assert not [line for line in lines if "device lost" in line]  # the end is no loss
     assert board.process.wait(10) == 0
+
+
+@pytest.mark.skipif(not os.path.exists("/proc"), reason="not on this platform: needs /proc")
+@pytest.mark.parametrize("moment", ["", "USB line", "USB configured", "server stopped"])
+def test_ctrl_c_pressed_twice_leaves_nothing_behind(run, own_domain_id, tmp_path, moment):
+    """At the start, while the board or the agent starts, and while they end."""
+    mark = str(tmp_path)
+    board = run("esp32_publisher", env=dict(
+        os.environ, ROS_DOMAIN_ID=str(own_domain_id), TMPDIR=mark
+    ))  # fmt: skip
+    if moment == "server stopped":
+        board.until("datawriter created")
+        board.process.send_signal(signal.SIGINT)
+    if moment:
+        board.until(moment)
+    else:
+        while len(with_tmpdir(mark)) < 2:  # the board's process begins
+            assert board.process.poll() is None
+    board.process.send_signal(signal.SIGINT)
+    board.process.send_signal(signal.SIGINT)
+    _, error = board.process.communicate(timeout=60)
+    # SIGINT itself, if the interpreter is at its end already.
+    assert board.process.returncode in (0, 130, -signal.SIGINT) and error == ""
+    end = time.monotonic() + 60
+    while with_tmpdir(mark):
+        assert time.monotonic() < end, "processes are left"
+        time.sleep(0.05)
+    assert os.listdir(mark) == []
+
+
+def with_tmpdir(folder):
+    """The processes with this TMPDIR."""
+    found = []
+    for number in filter(str.isdecimal, os.listdir("/proc")):
+        try:
+            with open(f"/proc/{number}/environ", "rb") as file:
+                if f"TMPDIR={folder}\0".encode() in file.read():
+                    found.append(int(number))
+        except OSError:
+            continue
+    return found
+
+
+RATE = """
+from machine import UART
+from uros.client import Node
+from uros.transport.serial import StreamTransport
+from std_msgs.msg import Int32
+node = Node("rate", StreamTransport(UART(2, 9600, timeout=0)))
+publisher = node.create_publisher(Int32, "rate", 10)
+node.spin()
+"""
+
+
+def test_another_baud_rate_is_named_and_its_remedy_works(run, own_domain_id, tmp_path):
+    options = ["esp32_publisher", "--firmware", program(tmp_path, RATE)]
+    env = dict(os.environ, ROS_DOMAIN_ID=str(own_domain_id))
+    wrong = run(*options, env=env)
+    assert wrong.until("9600 baud")[-1] == (
+        "board: its UART has 9600 baud, and the program at the other end of its line 115200: both"
+        " receive noise; run the board with --baudrate 9600, or UART(..., 115200) in the board's"
+        " program"
+    )
+    right = run(*options, "--baudrate", "9600", env=env)
+    assert "baudrate: 9600" in right.until("running...")[-1]
+    right.until("datawriter created")
+
+
+def test_the_agent_gets_the_baud_rate_of_each_board(run, own_domain_id):
+    boards = run(
+        "spresense_camera", "esp32_publisher", "spresense_publisher",
+        env=dict(os.environ, ROS_DOMAIN_ID=str(own_domain_id)),
+    )  # fmt: skip
+    devices = {}
+    for _ in range(3):
+        line = boards.until("running...")[-1]
+        device, baud = re.search(r"dev: \S+/(\w+), baudrate: (\d+)", line).groups()
+        devices[device] = int(baud)
+    assert devices == {
+        "spresense_camera": 921600, "esp32_publisher": 115200, "spresense_publisher": 115200,
+    }  # fmt: skip
+    alone = run("spresense_camera", "--no-agent")
+    assert " --baudrate 921600" in alone.until("next")[-1]
+
+
+def test_a_module_that_the_board_brings(run, tmp_path):
+    """The option that the builder's error recommends."""
+    options = ["ra6m5_sensor_node", "--firmware", program(tmp_path, "import my_driver\n")]
+    _, error = run(*options).process.communicate(timeout=60)
+    assert "name it as provided (--provided my_driver)" in error
+    board = run(*options, "--provided", "my_driver", "--seconds", "9")
+    board.until("no module named 'my_driver'")
+    assert "my_driver.py beside main.py" in board.until("a virtual board")[-1]
 
 
 @pytest.mark.parametrize(("domain", "words"), [("0", ""), ("82", " --domain 82")])
@@ -322,7 +419,37 @@ def test_the_installation_of_micropython(elsewhere, monkeypatch, named, clone, w
     assert pins == {micropython.PACKAGE: micropython.VERSION}
 
 
+def test_a_real_board_is_no_virtual_one(capsys):
+    for verb in ("list", "run"):
+        assert cli.main(["board", verb, "pico"]) == 1
+        assert "'pico' is a real board ('uros board list --ports'" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("arguments", [["--seconds", "0"], ["--engine", "pypy"], []])
 def test_bad_command_lines(arguments, capsys):
     assert cli.main(["board", "run", *arguments]) == 2
-    assert capsys.readouterr().err.startswith("usage: uros board run")
+    assert capsys.readouterr().err.startswith("uros board run: error: ")
+
+
+def test_sleep_and_watchdog_are_told(tmp_path):
+    (tmp_path / "main.py").write_text(
+        "import machine\n"
+        "if machine.reset_cause() == machine.PWRON_RESET:\n    machine.deepsleep(20)\n"
+        "if machine.reset_cause() == machine.DEEPSLEEP_RESET:\n    machine.WDT(timeout=20)\n"
+        "    while True:\n        pass\n"
+        "machine.deepsleep()\n"
+    )
+    board = Running("esp32_publisher", "--firmware", tmp_path)
+    try:
+        said = board.until("until its reset button is pressed")
+    finally:
+        board.close_input()
+        board.process.terminate()
+        board.process.communicate()
+    told = [line for line in said if line.startswith("board: ")]
+    assert told[-4:] == [
+        "board: machine.deepsleep: the board sleeps for 0.02 s",
+        "board: the board wakes: the program starts again",
+        "board: the watchdog has reset the board: the program starts again",
+        "board: machine.deepsleep: the board sleeps until its reset button is pressed",
+    ]

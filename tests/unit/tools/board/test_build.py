@@ -189,7 +189,7 @@ def test_folders_that_cannot_be_written(program, tmp_path, capsys):
 
 def test_bad_command_lines(capsys):
     assert cli.main(["board", "build", "ra6m5_sensor_node"]) == 2
-    assert capsys.readouterr().err.startswith("usage: uros board build")
+    assert capsys.readouterr().err.startswith("uros board build: error: ")
 
 
 def test_a_misspelt_field_is_rejected_with_its_place_and_similar_names(program, tmp_path, capsys):

@@ -1,6 +1,7 @@
 """uros board deploy, console, index and list --ports: what is said where there is no board."""
 
 import os
+import re
 import subprocess
 import sys
 import termios
@@ -237,8 +238,9 @@ def test_an_index_is_written_and_the_next_step_printed(
 ) -> None:
     out = tmp_path / "mip"
     assert cli.main(["board", "index", str(out), "--py"]) == 0
-    said = capsys.readouterr().out
+    said, progress = capsys.readouterr()
     assert f"mip install --index {out} uros" in said and "uros-parameters" in said
+    assert re.match(r"0 of \d{3} packages\n", progress)
     assert (out / "package" / "py" / "sensor_msgs" / "msg" / "Imu" / "latest.json").is_file()
     assert not (out / "package" / "6").exists()
 

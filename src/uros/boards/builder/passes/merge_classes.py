@@ -11,17 +11,21 @@ Two classes are merged only if the result is provably the same:
   evaluated, nor that a constant which the subclass overrides is not evaluated at all.
 - Each body binds each name once, except a property with its setter. A name that both bind is a
   plain method in both, or a constant in both.
-- The subclass uses ``super()`` only to call, from a method of its own, a method that it overrides.
+- The subclass uses ``super()`` only to get, in a method of its own, a method that it overrides: to
+  call it, or to pass it on (``attempt(super().execute)``).
 - The names of both classes, and of the base's base, are bound once in the module.
 """
 
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterable
-from typing import Final
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, Final
 
 from ..scopes import COMPREHENSIONS, FUNCTIONS, bound, parameters, times_bound
+
+if TYPE_CHECKING:
+    from typing import TypeGuard
 
 _INNER: Final = (*FUNCTIONS, *COMPREHENSIONS, ast.Lambda, ast.ClassDef)
 _DECORATORS: Final = {"property", "staticmethod", "classmethod"}
@@ -74,7 +78,7 @@ class _Pair:
         self.subclass = subclass
         self.base_members = _members(base)  # statements of the base's body by the names they bind
         self.subclass_members = _members(subclass)
-        self.calls: list[ast.Attribute] = []  # calls of base members by super()
+        self.super_uses: list[ast.Attribute] = []  # uses of overridden methods by super()
 
     def is_plain(self, times: dict[str, int]) -> bool:
         """Whether both classes only bind methods and constants."""
@@ -102,36 +106,39 @@ class _Pair:
         return (
             _uses_plain_super(self.base)
             and _uses_plain_super(self.subclass)
-            and self.collect_calls(both)
+            and self.collect_super_uses(both)
         )
 
-    def collect_calls(self, both: set[str]) -> bool:
-        """Collect the calls of base members by super(); return False if super() has other uses."""
+    def collect_super_uses(self, both: set[str]) -> bool:
+        """Collect the uses of base members by super(); return False if one cannot be replaced."""
         for member in self.subclass.body:
-            super_attributes = {
-                id(node): node
-                for node in ast.walk(member)
-                if isinstance(node, ast.Attribute)
-                and _is_super(node.value)
-                and node.attr in self.base_members
-            }
-            for node in _own_calls(member):
-                if isinstance(node, ast.Attribute) and id(node) in super_attributes:
-                    if node.attr in both and isinstance(self.base_members[node.attr], FUNCTIONS):
-                        self.calls.append(super_attributes.pop(id(node)))
-            if super_attributes:
+            in_all_scopes = [node for node in ast.walk(member) if self.is_super_use(node)]
+            in_own_scope = [node for node in _own_scope(member) if self.is_super_use(node)]
+            if len(in_own_scope) < len(in_all_scopes):
                 return False
+            for node in in_own_scope:
+                if node.attr not in both or not isinstance(self.base_members[node.attr], FUNCTIONS):
+                    return False
+            self.super_uses += in_own_scope
         return True
 
+    def is_super_use(self, node: ast.AST) -> TypeGuard[ast.Attribute]:
+        """Whether a node is ``super().name``, with the name of a base member."""
+        return (
+            isinstance(node, ast.Attribute)
+            and _is_super(node.value)
+            and node.attr in self.base_members
+        )
+
     def merge(self) -> None:
-        called = {call.attr for call in self.calls}
-        for call in self.calls:
-            call.attr = overridden(call.attr, self.base.name)
-            call.value = ast.copy_location(ast.Name("self", ast.Load()), call.value)
+        used = {use.attr for use in self.super_uses}
+        for use in self.super_uses:
+            use.attr = overridden(use.attr, self.base.name)
+            use.value = ast.copy_location(ast.Name("self", ast.Load()), use.value)
         body: list[ast.stmt] = []
         for node in self.base.body:
             name = next(bound([node]), "")
-            if name in called and isinstance(node, FUNCTIONS):
+            if name in used and isinstance(node, FUNCTIONS):
                 node.name = overridden(name, self.base.name)
             elif name in self.subclass_members:
                 continue  # the subclass overrides it
@@ -221,19 +228,15 @@ def _uses_plain_super(owner: ast.ClassDef) -> bool:
     return names == attributes
 
 
-def _own_calls(member: ast.stmt) -> Iterable[ast.expr]:
-    """Return the functions that a plain method with a ``self`` calls in its own scope."""
+def _own_scope(member: ast.stmt) -> Iterator[ast.AST]:
+    """Yield what a plain method with a ``self`` has in its own scope; nothing of other members."""
     if not isinstance(member, FUNCTIONS) or member.decorator_list:
-        return []
+        return
     if list(parameters(member.args))[:1] != ["self"] or "self" in bound(member.body):
-        return []
-    calls: list[ast.expr] = []
+        return
     pending: list[ast.AST] = list(member.body)
     while pending:
         node = pending.pop()
-        if isinstance(node, _INNER):
-            continue
-        if isinstance(node, ast.Call):
-            calls.append(node.func)
-        pending.extend(ast.iter_child_nodes(node))
-    return calls
+        if not isinstance(node, _INNER):
+            yield node
+            pending.extend(ast.iter_child_nodes(node))

@@ -1,6 +1,6 @@
 // Runs a board's program on MicroPython (WebAssembly) for micropython.py.
 //
-//   node micropython.mjs MODULE ROOT SHIMS REQUESTS ANSWERS MEASURE CORE
+//   node micropython.mjs MODULE ROOT SHIMS REQUESTS ANSWERS MEASURE CORE TICKS
 //
 // MODULE is micropython.mjs of the npm package, ROOT the board's file system, SHIMS the folder of
 // the built-in modules. The program runs in a worker thread and blocks there, as on a board: each
@@ -8,7 +8,8 @@
 // thread reads stdin and ends the process at the end of stdin, which is also that of the parent
 // process, even if the program is stuck. The line "heap" requests the heap in use. With MEASURE 1
 // the heap is measured after each slice. CORE is the module that the second core runs; empty runs
-// main.py.
+// main.py. TICKS is JSON: the four numbers of BoardClock.ticks_formula, by which the ticks are
+// computed here, because a program reads them at each turn; null requests them as all else.
 //
 // A request is u32 length, operation, data. An answer is u32 length, error number or 0, u32 number
 // or length of data, data; see shims/_host.py. CONSOLE and HEAP have no answer.
@@ -23,17 +24,20 @@ import { pathToFileURL } from "node:url";
 import { Worker, isMainThread, workerData } from "node:worker_threads";
 
 const CONSOLE = 1;
+const TICKS_MS = 2;
 const HEAP = 23;
+const IRQ_NEXT = 44;
 // Octets after which a collection runs, as on a board whose heap fills up from time to time.
 const THRESHOLD = 16384;
 
 function supervise() {
   const asked = new Int32Array(new SharedArrayBuffer(4));
-  const [module, root, shims, requests, answers, measure, core] = process.argv.slice(2);
+  const [module, root, shims, requests, answers, measure, core, ticks] = process.argv.slice(2);
   const worker = new Worker(new URL(import.meta.url), {
     workerData: {
       module, root, shims, asked, core,
       requests: Number(requests), answers: Number(answers), measure: measure === "1",
+      ticks: JSON.parse(ticks),
     },
   });
   worker.on("error", (error) => {
@@ -52,32 +56,56 @@ function supervise() {
 // The system calls of the firmware, through the device file /dev/board: the firmware writes an
 // operation and its data, and its first read after that carries them out.
 class Line {
-  constructor(requests, answers) {
+  constructor(requests, answers, ticks) {
     this.requests = requests;
     this.answers = answers;
+    this.out = Buffer.alloc(1024);
+    this.in = Buffer.alloc(4096);
     this.parts = [];
     this.answer = Buffer.alloc(0);
     this.at = 0;
     this.printed = [];
+    this.held = false; // an interrupt's handler runs, and sees the time of its edge
+    this.formula = ticks && [BigInt(ticks[0]), BigInt(ticks[1]), ticks[2], BigInt(ticks[3])];
   }
 
-  send(operation, parts) {
-    const length = parts.reduce((sum, part) => sum + part.length, operation.length);
-    const head = Buffer.alloc(4);
-    head.writeUInt32LE(length);
-    let rest = Buffer.concat([head, operation, ...parts]);
-    while (rest.length) rest = rest.subarray(writeSync(this.requests, rest));
+  send(parts) {
+    const length = parts.reduce((sum, part) => sum + part.length, 0);
+    const out = length + 4 <= this.out.length ? this.out : Buffer.alloc(length + 4);
+    out.writeUInt32LE(length);
+    let end = 4;
+    for (const part of parts) {
+      out.set(part, end);
+      end += part.length;
+    }
+    for (let at = 0; at < end;) at += writeSync(this.requests, out, at, end - at);
   }
 
-  receive(length) {
-    const data = Buffer.alloc(length);
+  // An answer, without its length. Never more than one is under way.
+  receive() {
+    let data = this.in;
+    let end = 4;
     let done = 0;
-    while (done < length) {
-      const count = readSync(this.answers, data, done, length - done, null);
+    while (done < end) {
+      const count = readSync(this.answers, data, done, data.length - done, null);
       if (!count) process.exit(0); // the board's process has ended
       done += count;
+      if (end === 4 && done >= 4) {
+        end += data.readUInt32LE();
+        if (end > data.length) data = Buffer.concat([data.subarray(0, done)], end);
+      }
     }
-    return data;
+    return data.subarray(4, end);
+  }
+
+  // The answer to TICKS_MS or TICKS_US; -1: only the board knows the time.
+  ticks(operation) {
+    if (!this.formula || this.held) return -1;
+    const [powerOn, restarted, speed, rate] = this.formula;
+    const since = process.hrtime.bigint() - powerOn;
+    const world = speed === 1 ? since : BigInt(Math.trunc(Number(since) * speed));
+    const ns = (world * rate) / 1000000000n - restarted;
+    return Number(ns / (operation === TICKS_MS ? 1000000n : 1000n) & 0x3fffffffn);
   }
 
   write(data) {
@@ -88,16 +116,22 @@ class Line {
   read(target) {
     if (this.parts.length) {
       this.flush();
-      const [operation, ...data] = this.parts.splice(0);
-      this.send(operation, data);
-      if (operation[0] === HEAP) this.answer = Buffer.alloc(5);
-      else this.answer = this.receive(this.receive(4).readUInt32LE());
+      this.answer = this.call(this.parts.splice(0));
       this.at = 0;
     }
     const chunk = this.answer.subarray(this.at, this.at + target.length);
     target.set(chunk);
     this.at += chunk.length;
     return chunk.length;
+  }
+
+  call(parts) {
+    const operation = parts[0][0];
+    this.send(parts);
+    if (operation === HEAP) return Buffer.alloc(5);
+    const answer = this.receive();
+    if (operation === IRQ_NEXT) this.held = answer.readUInt32LE(1) !== 0;
+    return answer;
   }
 
   // Output is sent line by line, and before any other system call.
@@ -107,8 +141,25 @@ class Line {
   }
 
   flush() {
-    if (this.printed.length) this.send(Buffer.of(CONSOLE), this.printed.splice(0));
+    if (this.printed.length) this.send([Buffer.of(CONSOLE), ...this.printed.splice(0)]);
   }
+}
+
+// This build of MicroPython asserts at most calls of C that the table of functions is as it was, by
+// WebAssembly.Table.get, which is slow. The table never changes.
+function rememberTables() {
+  const { get } = WebAssembly.Table.prototype;
+  const known = new WeakMap();
+  let last = null; // in nearly all calls the table of the call before
+  let entries = null;
+  WebAssembly.Table.prototype.get = function (index) {
+    if (this !== last) {
+      last = this;
+      entries = known.get(this);
+      if (!entries) known.set(this, entries = []);
+    }
+    return entries[index] ??= get.call(this, index);
+  };
 }
 
 function copy(FS, from, to) {
@@ -121,9 +172,10 @@ function copy(FS, from, to) {
   }
 }
 
-async function run({ module, root, shims, asked, core, requests, answers, measure }) {
-  const line = new Line(requests, answers);
+async function run({ module, root, shims, asked, core, requests, answers, measure, ticks }) {
+  const line = new Line(requests, answers, ticks);
   const print = (data) => line.print(data);
+  rememberTables();
   const { loadMicroPython } = await import(pathToFileURL(module));
   const python = await loadMicroPython({ stdout: print, stderr: print, linebuffer: false });
   const { FS } = python;
@@ -137,6 +189,7 @@ async function run({ module, root, shims, asked, core, requests, answers, measur
     read: (stream, buffer, offset, length) => line.read(buffer.subarray(offset, offset + length)),
   });
   FS.mkdev("/dev/board", device);
+  python.registerJsModule("_ticks", { ticks: (operation) => line.ticks(operation) });
 
   const source = FS.readFile("/flash/main.py", { encoding: "utf8" });
   const sliced = /^def start\(/m.test(source) && /^def step\(/m.test(source);

@@ -7,6 +7,7 @@ other end and describes the format. The Node process ends with this one, however
 from __future__ import annotations
 
 import errno
+import json
 import os
 import shlex
 import shutil
@@ -24,6 +25,7 @@ PACKAGE: Final = "@micropython/micropython-webassembly-pyscript"
 VERSION: Final = "1.27.0"
 """The version of the package that the shims are tested with."""
 _MODULE: Final = Path("node_modules", *PACKAGE.split("/"), "micropython.mjs")
+_CHUNK: Final = 65536
 _SILENT: Final = (ops.CONSOLE, ops.HEAP)
 
 # MicroPython has the error numbers of Linux on every machine.
@@ -91,6 +93,15 @@ def _remedy(named: str | None, clones: list[Path]) -> str:
     )
 
 
+def _ticks(host: BoardHost) -> str:
+    """Return the arguments of the ticks' formula as JSON; integers as text, for their precision."""
+    formula = host.ticks_formula()
+    if formula is None:
+        return "null"
+    power_on, restarted, speed, rate = formula
+    return json.dumps([str(power_on), str(restarted), speed, str(rate)])
+
+
 class MicroPythonEngine:
     """One run of a program on MicroPython.
 
@@ -113,11 +124,12 @@ class MicroPythonEngine:
         node_answers, answers = os.pipe()
         self._requests = requests
         self._answers = answers
+        self._unread = b""  # of the requests
         shims = _HERE.parent / "shims"
         try:
             self._process = subprocess.Popen(
                 [node, "--no-warnings", RUNNER, module, root, shims, str(node_requests),
-                 str(node_answers), str(int(measure)), core],
+                 str(node_answers), str(int(measure)), core, _ticks(host)],
                 stdin=subprocess.PIPE, stdout=2, pass_fds=(node_requests, node_answers),
             )  # fmt: skip
         finally:
@@ -131,8 +143,7 @@ class MicroPythonEngine:
             Reset: The program asked for a reset.
         """
         while True:
-            head = self._receive(4)
-            data = self._receive(int.from_bytes(head, "little"))
+            data = self._receive()
             if not data:
                 return
             operation = data[0]
@@ -153,15 +164,20 @@ class MicroPythonEngine:
             except BrokenPipeError:
                 return
 
-    def _receive(self, length: int) -> bytes:
-        """Read exactly ``length`` octets; b"" when the process has ended."""
-        data = b""
-        while len(data) < length:
-            chunk = os.read(self._requests, length - len(data))
+    def _receive(self) -> bytes:
+        """Read one request; b"" when the process has ended."""
+        data = self._unread
+        end = 4
+        while len(data) < end or end == 4:
+            if len(data) >= 4:
+                end = 4 + int.from_bytes(data[:4], "little")
+                continue
+            chunk = os.read(self._requests, _CHUNK)
             if not chunk:
                 return b""
             data += chunk
-        return data
+        self._unread = data[end:]
+        return data[4:end]
 
     def ask_heap(self) -> None:
         """Request the heap in use; the host receives it after the current slice."""

@@ -21,6 +21,7 @@ _SPI_READ: Final = struct.Struct("<BBH")
 _CONNECT: Final = struct.Struct("<BH")
 _RECV: Final = struct.Struct("<BH")
 _WAIT: Final = struct.Struct("<IBB")
+_UART_WAIT: Final = struct.Struct("<BHI")
 _LONGEST_WAIT_US: Final = 1_000_000
 INTERRUPT_US: Final = 2_000
 """The period at which a wait polls for interrupts, if the firmware has enabled any."""
@@ -46,6 +47,7 @@ class PeripheralHost:
             ops.UART_WRITE: lambda data: self._uart(data[0]).write(data[1:]),
             ops.UART_READ: self._uart_read,
             ops.UART_ANY: lambda data: self._uart(data[0]).any(),
+            ops.UART_WAIT: self._uart_wait,
             ops.SPI_INIT: self._spi_init,
             ops.SPI_WRITE: self._spi_write,
             ops.SPI_READ: self._spi_read,
@@ -56,6 +58,7 @@ class PeripheralHost:
             ops.WLAN_STOP: self._stop,
             ops.WLAN_GUESTS: lambda _: self._radio().guests(),
             ops.NET_OPEN: lambda data: self._radio().open(data[0]),
+            ops.NET_BIND: self._net_bind,
             ops.NET_CONNECT: self._net_connect,
             ops.NET_SEND: lambda data: self._radio().of(data[0]).send(data[1:]),
             ops.NET_RECV: self._net_recv,
@@ -74,6 +77,19 @@ class PeripheralHost:
     def _uart_read(self, data: bytes) -> bytes:
         number, size = _UART_READ.unpack(data)
         return self._uart(number).read(size)
+
+    def _uart_wait(self, data: bytes) -> bytes:
+        number, size, us = _UART_WAIT.unpack(data)
+        uart, board, interrupts = self._uart(number), self._board, self._interrupts
+        self._wait()
+        end = board.clock.world_us() + us
+        while True:
+            board.advance()
+            ready, left = uart.any(), end - board.clock.world_us()
+            # Not after the first octet of a frame: each return costs the host time.
+            if ready and not uart.under_way() or left <= 0 or interrupts.due:
+                return uart.read(size)
+            uart.pause(min(left, INTERRUPT_US) if interrupts.wanted else left)
 
     def _spi(self, number: int) -> Spi:
         return self._board.spis[number]
@@ -112,6 +128,10 @@ class PeripheralHost:
 
     def _leave(self, data: bytes) -> bytes:
         self._radio().disconnect()
+        return b""
+
+    def _net_bind(self, data: bytes) -> bytes:
+        self._radio().bind(*_CONNECT.unpack(data))
         return b""
 
     def _net_connect(self, data: bytes) -> bytes:

@@ -9,8 +9,11 @@ OPTIONS is a JSON object with the fields of `Options`. Commands are JSON lines o
 
 Events are JSON lines on stdout::
 
-    {"event": "ready", "path": …, "happenings": […], "faults": […]}
-                                             the serial line exists; the program starts
+    {"event": "ready", "path": …, "happenings": […], "faults": […], "baud": …}
+                                             the serial line exists, and has this baud rate until a
+                                             program sets another; the program starts
+    {"event": "baud", "board": …, "line": …} the UART behind the serial line and the program that
+                                             has the line open use these different baud rates
     {"event": "usb", "state": …, "error": …} the state of the USB line has changed
     {"event": "console", "line": …}          a line that the program printed
     {"event": "read", "address": …, "ns": …} the end of an I2C read, by the monotonic clock; sent
@@ -19,7 +22,8 @@ Events are JSON lines on stdout::
                                              the active faults after a command "happen"
     {"event": "part", "name": …, "shows": …} the visible state of a part has changed
     {"event": "heap", "used": …, "peak": …, "base": …}
-    {"event": "reset"}                       the program starts anew
+    {"event": "reset", "cause": …}           the program starts anew; why, by reset_cause()
+    {"event": "asleep", "ms": …}             the program has called machine.deepsleep; 0: for ever
     {"event": "ended", "traceback": …}       the program has ended; the board stays
     {"event": "failed", "error": …}          the start has failed; the process ends with status 1
 
@@ -42,16 +46,19 @@ from types import FrameType
 from typing import Any, Final
 
 from ....interfaces import InterfaceError, add_folder
+from ...builder import secrets_file
 from ...builder.errors import BuildError
 from ...builder.file_system import build
 from ..hardware.board import FaultError, VirtualBoard
 from ..hardware.clock import BoardClock
 from ..hardware.parts import Part
 from ..hardware.peripherals import PeripheralError
+from ..hardware.resets import HARD, WATCHDOG
 from ..hardware.usb import ATTACHED
 from ..models.catalog import BoardError
 from ..models.catalog import find as find_board
 from . import cpython
+from .advice import module_advice
 from .console import Console
 from .cores import Mail
 from .micropython import MicroPythonEngine, NoMicroPython, find
@@ -59,6 +66,7 @@ from .syscalls import BoardHost, Reset
 
 _MOST_READS: Final = 64
 _POLL_SECONDS: Final = 0.2
+_SHORTEST_SECONDS: Final = 0.001  # of a poll that waits for the watchdog
 _STOP_SECONDS: Final = 2.0
 
 
@@ -77,10 +85,13 @@ class Options:
         reads: Whether I2C reads are sent as events.
         measure: Whether the peak of the heap is measured.
         plugs: Peripherals that are attached to the board.
+        provided: Further modules that the board has, and whose import is no error of the build.
         interfaces: Folders of interface definitions.
         speed: The speed of the board's time; 1.0 is real time.
         agent: Host and port of the agent that the program looks for in its network.
         address: The board's own address on this host, "" for any.
+        secrets: The file of the program's module ``secrets``; None: secrets.py in its folder, if
+            there is one.
     """
 
     program: str
@@ -93,10 +104,12 @@ class Options:
     reads: bool = False
     measure: bool = False
     plugs: list[str] = field(default_factory=list)
+    provided: list[str] = field(default_factory=list)
     interfaces: list[str] = field(default_factory=list)
     speed: float = 1.0
     agent: tuple[str, int] = ("127.0.0.1", 8888)
     address: str = ""
+    secrets: str | None = None
 
 
 class _SecondCore:
@@ -200,6 +213,8 @@ class BoardProcess:
         self._micropython: MicroPythonEngine | None = None
         self._base: int | None = None  # the heap before the program
         self._heap_asked = False  # before the engine existed
+        self._reset_cause = HARD  # of the reset that is asked for
+        self._told_baud = 0  # the board's rate that was sent last
         self._shown: dict[str, str] = {}  # the visible state of each part, as sent last
         try:
             link = None if options.link is None else Path(options.link)
@@ -232,7 +247,18 @@ class BoardProcess:
         root = Path(self._folder.name) / "flash"
         # Bytecode, and programs whose memory is measured, are built as for a real board.
         checked = options.form == "py" and not options.measure
-        build(Path(options.program), root, options.form, checked=checked, provided=["second_core"])
+        provided = ["second_core", *options.provided]
+        build(Path(options.program), root, options.form, checked=checked, provided=provided)
+        secrets = secrets_file.read_secrets(
+            Path(options.program), None if options.secrets is None else Path(options.secrets)
+        )
+        if secrets is not None:
+            (root / secrets_file.FILE).write_bytes(secrets)
+        elif place := secrets_file.first_import(Path(options.program)):
+            raise BuildError(
+                f"{place} imports secrets: put a {secrets_file.FILE} beside main.py, or name a file"
+                " (--secrets FILE)"
+            )
         if options.reads:
             for bus in board.i2c.values():
                 bus.on_read = self._read
@@ -242,12 +268,15 @@ class BoardProcess:
         )  # fmt: skip
         for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT):
             signal.signal(number, self._on_signal)
-        signal.signal(signal.SIGUSR1, lambda *_: host.ask_reset())
+        signal.signal(signal.SIGUSR1, lambda *_: host.ask_reset(self._reset_cause))
         while not board.usb_inside and board.usb.state == ATTACHED:
             board.usb.wait(1.0)  # the bridge chip has power before the program starts
         happenings = [happening.spec for happening in (*board.acts(), *board.faults())]
         self._send_parts()  # before "ready": a parent that waits for it may ask for their state
-        self.send("ready", path=str(board.usb.path), happenings=happenings, faults=self._faults())
+        self.send(
+            "ready", path=str(board.usb.path), happenings=happenings, faults=self._faults(),
+            baud=board.usb.baud,
+        )  # fmt: skip
         host.usb_state()
         threading.Thread(target=self._read_commands, name="commands", daemon=True).start()
         threading.Thread(target=self._poll, name="parts", daemon=True).start()
@@ -256,11 +285,27 @@ class BoardProcess:
                 self._run_program(root, host)
                 while True:
                     signal.pause()
-            except Reset:
-                self._console.forget()
-                self._second.stop()
-                host.reset()
-                self.send("reset")
+            except Reset as reset:
+                self._start_anew(reset, host)
+
+    def _start_anew(self, reset: Reset, host: BoardHost) -> None:
+        """Reset the board; before, let it sleep until it wakes or its reset button is pressed."""
+        pressed: Reset | None = reset
+        while pressed is not None:
+            host.begin_reset()
+            self._console.forget()
+            self._second.stop()
+            reset, pressed = pressed, None
+            try:
+                host.reset(reset.cause)
+                if reset.sleep_ms is not None:
+                    self.send("asleep", ms=reset.sleep_ms)
+                    while not reset.sleep_ms:
+                        signal.pause()
+                    self.board.clock.sleep_us(reset.sleep_ms * 1000)
+            except Reset as button:
+                pressed = button
+        self.send("reset", cause=reset.cause)
 
     def _run_program(self, root: Path, host: BoardHost) -> None:
         if self.options.engine == "cpython":
@@ -301,6 +346,8 @@ class BoardProcess:
             self._console.flush()
             self._console.print(traceback)
         self._console.flush()
+        if missing := module_advice(traceback):
+            self._console.print(missing + "\n")
         self.send("ended", traceback=traceback)
 
     def _read(self, address: int, ns: int) -> None:
@@ -312,11 +359,42 @@ class BoardProcess:
     def _poll(self) -> None:
         """Send the visible state, also while the program computes, sleeps or has ended."""
         while True:
-            time.sleep(_POLL_SECONDS)
+            time.sleep(self._pause())
+            self._watch()
             self.board.advance()
             self._send_parts()
             if self._host is not None:
                 self._host.usb_state()  # the program may never ask for the state
+            self._send_baud()
+
+    def _send_baud(self) -> None:
+        """Send once that the baud rates of both ends of the serial line differ."""
+        uart = self.board.bridged
+        if uart is None or uart.understood():
+            self._told_baud = 0
+            return
+        board, line = uart.rates()
+        if board != self._told_baud:  # the doctor tries many rates of the line
+            self._told_baud = board
+            self.send("baud", board=board, line=line)
+
+    def _pause(self) -> float:
+        """Return the seconds until the next poll, which is not later than the watchdog."""
+        left = self.board.resets.left_us()
+        if left is None:
+            return _POLL_SECONDS
+        return min(_POLL_SECONDS, self.board.clock.host_seconds(left) + _SHORTEST_SECONDS)
+
+    def _watch(self) -> None:
+        """Reset the board if its watchdog was not fed."""
+        if self.board.resets.left_us() == 0:
+            self.board.resets.feed()  # once: the reset takes a moment
+            self._press(WATCHDOG)
+
+    def _press(self, cause: int) -> None:
+        """Reset the board; thread-safe."""
+        self._reset_cause = cause
+        os.kill(os.getpid(), signal.SIGUSR1)  # interrupts the program's thread
 
     def _send_parts(self) -> None:
         with self.board.lock:
@@ -352,7 +430,7 @@ class BoardProcess:
                 if command["do"] == "happen":
                     self._happen(command["spec"])
                 elif command["do"] == "reset":
-                    os.kill(os.getpid(), signal.SIGUSR1)  # interrupts the program's thread
+                    self._press(HARD)
                 elif command["do"] == "heap":
                     self._ask_heap()
         self.end(0)

@@ -90,15 +90,20 @@ class RunningBoard:
         measure: Whether the peak of the heap is measured.
         plugs: Peripherals that are attached to the board (see
             `uros.boards.virtual.hardware.peripherals`).
+        provided: Modules that the program imports and the builder does not know; the program's own
+            folder or the virtual board must have them when it runs.
         interfaces: Folders of interface definitions that the program may import besides (see
             `uros.interfaces.add_folder`).
         speed: How many times faster than real time the board and its environment run. The agent
             runs in real time, so stamps are wrong unless this is 1.0.
         agent: Host and port of the agent that the program looks for in its network.
         address: The board's own address on this host, such as 127.0.0.7; "" for any.
+        secrets: The file of the program's module ``secrets``; by default secrets.py in its folder,
+            if there is one.
 
     Attributes:
         path: The USB line.
+        baud: The baud rate that the board's program has on this line by default.
         happenings: All faults and actions of the board.
         console: A queue of the lines that the program prints.
         reads: A queue of the I2C reads that have ended: address, and time in ns of the monotonic
@@ -125,10 +130,12 @@ class RunningBoard:
         on_event: Callable[[dict[str, Any]], object] | None = None,
         measure: bool = False,
         plugs: Sequence[str] = (),
+        provided: Sequence[str] = (),
         interfaces: Sequence[str | Path] = (),
         speed: float = 1.0,
         agent: tuple[str, int] = ("127.0.0.1", 8888),
         address: str = "",
+        secrets: str | Path | None = None,
     ) -> None:
         if isinstance(firmware, str) and firmware in BOARDS:
             board = board or firmware
@@ -144,7 +151,9 @@ class RunningBoard:
             "link": None if link is None else str(Path(link).absolute()), "seed": seed,
             "happen": list(happen), "speed": speed, "agent": list(agent),
             "address": address, "reads": reads or on_read is not None, "measure": measure,
-            "plugs": list(plugs), "interfaces": [str(Path(name).absolute()) for name in interfaces],
+            "secrets": None if secrets is None else str(Path(secrets).absolute()),
+            "plugs": list(plugs), "provided": list(provided),
+            "interfaces": [str(Path(name).absolute()) for name in interfaces],
         }  # fmt: skip
         self._on_read = on_read
         self._on_event = on_event
@@ -155,10 +164,12 @@ class RunningBoard:
         self._failure = ""
         self._traceback: str | None = None
         self._resets = 0
+        self._asleep = False
         self._heaps: list[Heap] = []  # the answers to "heap"
         self._errors: list[str] = []  # the answers to "happen"; "" is success
         self._shows: dict[str, list[str]] = {}
         self.path = Path()
+        self.baud = 0
         self.happenings: list[str] = []
         self.console: queue.Queue[str] = queue.Queue()
         self.reads: queue.Queue[tuple[int, int]] = queue.Queue()
@@ -309,6 +320,10 @@ class RunningBoard:
         """Wait until the visible state of a part is ``state``."""
         self._until(lambda: self._shows.get(part, [""])[-1] == state, timeout, f"{part} {state}")
 
+    def wait_asleep(self, timeout: float = WAIT_SECONDS) -> None:
+        """Wait until the program has called ``machine.deepsleep``, and sleeps."""
+        self._until(lambda: self._asleep, timeout, "the board to sleep")
+
     def wait_end(self, timeout: float = WAIT_SECONDS) -> str:
         """Wait for the end of the program; return its traceback, or ""."""
         self._until(lambda: self._traceback is not None, timeout, "the program to end")
@@ -358,6 +373,7 @@ class RunningBoard:
     def _note(self, kind: str, event: dict[str, Any]) -> None:
         if kind == "ready":
             self.happenings = event["happenings"]
+            self.baud = event["baud"]
             self.path = Path(event["path"])
         elif kind == "usb":
             self.usb, self.usb_error = event["state"], event["error"]
@@ -365,7 +381,10 @@ class RunningBoard:
             self._errors.append(event["error"])
         elif kind == "part":
             self._shows.setdefault(event["name"], []).append(event["shows"])
+        elif kind == "asleep":
+            self._asleep = True
         elif kind == "reset":
+            self._asleep = False
             self._resets += 1
             self._traceback = None
         elif kind == "ended":

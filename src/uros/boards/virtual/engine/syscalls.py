@@ -11,8 +11,10 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
 from ..hardware.board import Interrupts
+from ..hardware.resets import DEEP_SLEEP, HARD, SOFT
 from ..hardware.usb import CONFIGURED, DETACHED, SUSPENDED
 from ..shims import _ops as ops
+from .advice import advice
 from .cores import CoreHost, Mail
 from .peripheral_syscalls import INTERRUPT_US, PeripheralHost
 from .pin_syscalls import PinHost
@@ -31,7 +33,17 @@ _POLL_NS: Final = 5_000_000
 
 
 class Reset(BaseException):
-    """The board starts anew; a BaseException, so that handlers of the firmware do not catch it."""
+    """The board starts anew; a BaseException, so that handlers of the firmware do not catch it.
+
+    Args:
+        cause: Why, a constant of `uros.boards.virtual.hardware.resets`.
+        sleep_ms: How long it sleeps before, 0 for ever; None: it does not sleep.
+    """
+
+    def __init__(self, cause: int = SOFT, sleep_ms: int | None = None) -> None:
+        super().__init__()
+        self.cause = cause
+        self.sleep_ms = sleep_ms
 
 
 class BoardHost:
@@ -66,8 +78,8 @@ class BoardHost:
         self._heap = heap
         self._usb = usb
         self._last_usb = DETACHED
-        self._reset_asked = False
-        self._within = False  # in a system call, which a reset must not interrupt
+        self._reset_asked = 0  # the cause of the reset
+        self._within = False  # in a system call or a reset, which another reset must not interrupt
         self.print = console
         self.ended = ended
         self._operations: dict[int, Callable[[bytes], bytes | int]] = {
@@ -88,10 +100,15 @@ class BoardHost:
             ops.USB_ANY: lambda _: board.usb.any(),
             ops.USB_WAIT: self._usb_wait,
             ops.RESET: self._reset,
+            ops.RESET_CAUSE: lambda _: board.resets.cause,
+            ops.WDT_FEED: self._feed,
+            ops.DEEPSLEEP: self._deep_sleep,
+            ops.RTC_MEMORY: self._rtc_memory,
             ops.UNIQUE_ID: lambda _: board.unique_id,
             ops.FREQUENCY: lambda _: _CORE_HZ,
             ops.ENDED: self._end,
             ops.HEAP: self._report_heap,
+            ops.ADVICE: lambda data: advice(board, data),
             **PinHost(board, interrupts).operations,
             **PeripheralHost(board, self._before_wait, interrupts).operations,
             **CoreHost(self._mail, start_core).operations,
@@ -113,30 +130,39 @@ class BoardHost:
         finally:
             self._within = False
         if self._reset_asked:
-            raise Reset
+            raise Reset(self._reset_asked)
         return answer
 
-    def ask_reset(self) -> None:
+    def ticks_formula(self) -> tuple[int, int, float, int] | None:
+        """Return the result of `BoardClock.ticks_formula`."""
+        return self._board.clock.ticks_formula()
+
+    def ask_reset(self, cause: int = HARD) -> None:
         """Press the reset button; called in the program's thread, by a signal handler.
 
         Raises:
             Reset: At once; during a system call, its end raises Reset instead.
         """
-        self._reset_asked = True
+        self._reset_asked = cause
         if not self._within:
-            raise Reset
+            raise Reset(cause)
 
     def stop(self) -> None:
         """End the program of this core: its next system call raises Reset. Thread-safe."""
-        self._reset_asked = True
+        self._reset_asked = HARD
 
-    def reset(self) -> None:
+    def begin_reset(self) -> None:
+        """Keep another reset from interrupting what follows, up to :meth:`reset`."""
+        self._within = True
+
+    def reset(self, cause: int = HARD) -> None:
         """Reset the board around the processor: the host loses its USB device."""
-        self._reset_asked = False
-        self._board.reset()
+        self._board.reset(cause)
         self._interrupts.clear()
         self._mail.clear()
         self.usb_state()
+        self._reset_asked = 0
+        self._within = False
 
     def usb_state(self) -> str:
         """Return the state of the USB line; report it if it has changed."""
@@ -261,7 +287,20 @@ class BoardHost:
         return b""
 
     def _reset(self, data: bytes) -> bytes:
-        raise Reset
+        raise Reset(HARD if data[0] else SOFT)
+
+    def _deep_sleep(self, data: bytes) -> bytes:
+        raise Reset(DEEP_SLEEP, int.from_bytes(data, "little"))
+
+    def _feed(self, data: bytes) -> bytes:
+        self._board.resets.feed(int.from_bytes(data, "little"))
+        return b""
+
+    def _rtc_memory(self, data: bytes) -> bytes:
+        if data:
+            self._board.resets.memory = data[1:]
+            return b""
+        return self._board.resets.memory
 
     def _end(self, data: bytes) -> bytes:
         self.ended(data.decode(errors="replace"))

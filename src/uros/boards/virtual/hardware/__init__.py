@@ -10,6 +10,7 @@
 ``pins``             Pins of a virtual board, and simple parts on them: LEDs, buttons and
                      potentiometers
 ``registers``        An I2C device with 8-bit registers behind a pointer
+``resets``           Why the microcontroller was reset, its watchdog, and the memory that it keeps
 ``usb``              The board's USB device, and the host's port that it is connected to
 ``usb_descriptors``  USB descriptors of a serial port (CDC-ACM), and what a host checks in them
 ===================  ===========================================================================

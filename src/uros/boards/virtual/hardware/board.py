@@ -23,6 +23,7 @@ from .i2c import I2CBus
 from .parts import Part, Parts
 from .peripherals import Radio, Spi, Uart, attach
 from .pins import Led, Pin
+from .resets import SOFT, Resets
 from .usb import CONFIGURATION_DESCRIPTOR, DEVICE_DESCRIPTOR, STRINGS, UsbCdc
 
 if TYPE_CHECKING:
@@ -155,7 +156,8 @@ class Interrupts:
 class Bridge:
     """The board's end of a USB-to-UART chip, as most boards have one.
 
-    Data sent while no program on the host has the port open is lost, as with a real chip.
+    Data sent while no program on the host has the port open is lost, as with a real chip. The
+    program that has it open sets the chip's baud rate.
     """
 
     def __init__(self, usb: UsbCdc) -> None:
@@ -170,6 +172,19 @@ class Bridge:
         """Send octets to the host; return their number, also when they are lost."""
         self._usb.write(data)
         return len(data)
+
+    @property
+    def baud(self) -> int:
+        """The baud rate that the program on the host has set; 0 if the port is not open."""
+        return self._usb.baud_rate()
+
+    def any(self) -> int:
+        """Return how many octets from the host there are to read."""
+        return self._usb.any()
+
+    def wait(self, seconds: float) -> None:
+        """Wait until there may be octets to read, for so many seconds of the host at most."""
+        self._usb.wait(seconds)
 
 
 class VirtualBoard:
@@ -206,6 +221,7 @@ class VirtualBoard:
         self.name = model.name
         self.seed = seed
         self.clock = clock if clock is not None else BoardClock()
+        self.resets = Resets(self.clock)
         self.room = room if room is not None else Room(seed)
         self.lock = threading.RLock()  # of all parts
         self.parts = Parts()
@@ -217,6 +233,7 @@ class VirtualBoard:
         self.capture: Callable[[int, int, int], bytes] | None = None
         self.unique_id = b""
         self.usb_inside = False
+        self.bridged: Uart | None = None
         self.changed = changed
         self.address = address
         self.routes: dict[str, tuple[str, int]] = {}
@@ -247,8 +264,15 @@ class VirtualBoard:
         self.usb_inside = True
 
     def bridge(self, uart: int, baud: int = 115_200) -> None:
-        """Connect the USB socket to a UART of the board."""
-        self.uarts[uart] = Uart(Bridge(self.usb), baud, self.clock)
+        """Connect the USB socket to a UART of the board.
+
+        Args:
+            uart: The UART.
+            baud: The baud rate of its program, and of the line until a program sets another.
+        """
+        self.usb.baud = baud
+        chip = Bridge(self.usb)
+        self.uarts[uart] = self.bridged = Uart(chip, baud, self.clock, chip)
 
     def add_pin(self, pin: Pin) -> Pin:
         """Add a pin, and return it."""
@@ -348,12 +372,16 @@ class VirtualBoard:
     def _example(self) -> str:
         return next(happening.spec for happening in (*self.faults(), *self.acts()))
 
-    def reset(self) -> None:
+    def reset(self, cause: int = SOFT) -> None:
         """Reset the microcontroller.
 
         Its USB device is off until the firmware enables it, pins become inputs, and ticks start at
         0. The parts around the microcontroller and the real-time clock are not affected.
+
+        Args:
+            cause: Why, a constant of `uros.boards.virtual.hardware.resets`.
         """
+        self.resets.begin(cause)
         with self.lock:
             if self.usb_inside:
                 self.usb.disable()

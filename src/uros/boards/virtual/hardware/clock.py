@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import select
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterable
@@ -85,6 +86,17 @@ class BoardClock:
         The count never wraps; the engine wraps it as its port of MicroPython does.
         """
         return (self._board_ns() - self._restarted) // 1000
+
+    def ticks_formula(self) -> tuple[int, int, float, int] | None:
+        """Return what another process of this host needs to compute the ticks itself.
+
+        It is (P, R, S, N): the ticks in nanoseconds are (CLOCK_MONOTONIC - P) * S * N // 10**9 - R.
+        The result is valid until :meth:`restart`, and while the time is not held. None: the clock
+        is not that of the host.
+        """
+        if self._host_ns is not time.monotonic_ns or sys.platform != "linux":
+            return None
+        return self._power_on, self._restarted, self._speed, self._rate
 
     def restart(self) -> None:
         """Reset the board's ticks to 0; the real-time clock continues."""

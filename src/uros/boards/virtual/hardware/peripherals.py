@@ -29,6 +29,10 @@ _JOIN_MS: Final = 300
 _GUEST_MS: Final = 500
 _BITS: Final = 10  # of an octet on a UART
 _TXBUF: Final = 256
+# A UART reads a rate that is so far off, in percent; beyond, it reads bits wrong.
+_TOLERANCE: Final = 3
+# The period at which a wait polls a line that cannot tell when there is something to read.
+_POLL_US: Final = 1_000
 # machine.SPI's polarity and phase, as one number.
 _MODE_1: Final = 1
 
@@ -49,16 +53,39 @@ class Modem(Protocol):
         ...
 
 
+class Cable(Modem, Protocol):
+    """A device whose baud rate may change while the board runs."""
+
+    @property
+    def baud(self) -> int:
+        """Its baud rate; 0 if no program has set one."""
+
+    def any(self) -> int:
+        """Return how many octets there are to read."""
+
+    def wait(self, seconds: float) -> object:
+        """Wait until there may be octets to read, for so many seconds of the host at most."""
+
+
 class Uart:
     """A UART of a board, and a line with a baud rate.
 
     ``overruns`` counts the octets lost because the receive buffer was full.
+
+    Args:
+        device: The device at the other end.
+        baud: Its baud rate, and that of the UART until :meth:`init`.
+        clock: The board's clock.
+        cable: The device again, if its baud rate may change.
     """
 
-    def __init__(self, device: Modem, baud: int, clock: BoardClock) -> None:
+    def __init__(
+        self, device: Modem, baud: int, clock: BoardClock, cable: Cable | None = None
+    ) -> None:
         self.overruns = 0
         self._device = device
         self._device_baud = baud
+        self._cable = cable
         self._clock = clock
         self._random = random.Random(baud)
         self.init(baud, 256)
@@ -76,8 +103,18 @@ class Uart:
         self._unsent = bytearray()
         self._at = self._clock.world_us()
 
+    def rates(self) -> tuple[int, int]:
+        """Return the baud rates of the UART and of the device."""
+        device = self._device_baud if self._cable is None else self._cable.baud
+        return self._baud, device or self._baud
+
+    def understood(self) -> bool:
+        """Return whether the rates of both ends are close enough for data instead of noise."""
+        own, device = self.rates()
+        return abs(own - device) * 100 <= device * _TOLERANCE
+
     def _noise(self, octets: bytes) -> bytes:
-        if self._baud == self._device_baud:
+        if not octets or self.understood():
             return octets
         return self._random.randbytes(len(octets))
 
@@ -113,6 +150,33 @@ class Uart:
         accepted = data[: _TXBUF - len(self._unsent)]
         self._unsent += accepted
         return len(accepted)
+
+    def under_way(self) -> int:
+        """Return how many octets a `Cable` has that the line has not carried yet.
+
+        At most as many as leave half of the receive buffer free.
+        """
+        if self._cable is None:
+            return 0
+        room = self._rxbuf // 2 - len(self._received)
+        return max(0, min(room, self._cable.any()))
+
+    def pause(self, us: int) -> None:
+        """Wait for octets, or until the line has carried those under way.
+
+        A `Cable` tells when there are any; other devices are polled.
+
+        Args:
+            us: The longest time to wait, in true microseconds.
+        """
+        octets = max(len(self._unsent), self.under_way())
+        if octets:
+            self._clock.sleep_world_us(min(us, octets * _BITS * 1_000_000 // self._baud + 1))
+        elif self._cable is None:
+            self._clock.sleep_world_us(min(us, _POLL_US))
+        else:
+            self._cable.wait(self._clock.host_seconds(us))
+            self._at = self._clock.world_us()  # the octets that ended the wait begin to come now
 
 
 class Spi:
@@ -218,15 +282,30 @@ class Radio:
         """
         if len(self._sockets) == 16:
             raise OSError(errno.ENOMEM, "a board has no room for more sockets")
-        sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM if kind == 2 else socket.SOCK_STREAM)
-        sock.setblocking(False)
-        if self._network.address:
-            sock.bind((self._network.address, 0))
         self._last = self._last % 250 + 1
         while self._last in self._sockets:
             self._last = self._last % 250 + 1
-        self._sockets[self._last] = sock
+        self._sockets[self._last] = self._socket(
+            socket.SOCK_DGRAM if kind == 2 else socket.SOCK_STREAM, 0
+        )
         return self._last
+
+    def _socket(self, kind: socket.SocketKind, port: int) -> socket.socket:
+        sock = socket.socket(socket.AF_INET, kind)
+        try:
+            sock.setblocking(False)
+            if self._network.address or port:
+                sock.bind((self._network.address, port))
+        except BaseException:
+            sock.close()
+            raise
+        return sock
+
+    def bind(self, handle: int, port: int) -> None:
+        """Have a socket send from a port; raise OSError as :meth:`of` and the host's socket do."""
+        old = self.of(handle)
+        self._sockets[handle] = self._socket(old.type, port)
+        old.close()
 
     def of(self, handle: int) -> socket.socket:
         """Return the socket of a handle.

@@ -30,6 +30,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
+from ....agent.transports.baud import BAUD_RATES, baud_rate, set_baud_rate
 from ....middleware.wakeup_fd import WakeupFd
 from .clock import BoardClock
 from .usb_descriptors import (
@@ -66,18 +67,20 @@ ATTACHED: Final = "attached"
 CONFIGURED: Final = "configured"
 SUSPENDED: Final = "suspended"
 
+_BAUD: Final = 115_200
 _TELLS_OPEN: Final = sys.platform == "linux"
 
 
 class _Line:
     """A pseudo-terminal with the board at its master, and a link to its slave."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, baud: int) -> None:
         self.master, slave = os.openpty()
         self._slave = -1
         self._path = path
         try:
             tty.setraw(slave)
+            set_baud_rate(slave, baud)
             os.set_blocking(self.master, False)
             self.device = os.ttyname(slave)
             fresh = path.with_name(f"{path.name}.{os.getpid()}")
@@ -119,6 +122,14 @@ class _Line:
                     os.close(slave)
         return True
 
+    def rate(self) -> int:
+        """Return the baud rate that the program at the slave has set, 0 if it is unknown."""
+        try:
+            return baud_rate(self.master)
+        except OSError:  # not Linux
+            speed = termios.tcgetattr(self.master)[5]
+            return next((rate for rate, code in BAUD_RATES.items() if code == speed), 0)
+
     def read(self, size: int) -> bytes:
         try:
             return os.read(self.master, size)
@@ -157,6 +168,13 @@ class UsbCdc:
 
     Raises:
         FileExistsError: ``path`` exists and is not a link.
+
+    Attributes:
+        path: The link to the line.
+        plugged: Whether the cable is plugged in.
+        baud: The baud rate of a new line, until a program on the host sets another one.
+        error: Why the host refused the device; "" if it did not.
+        identity: What the host read from the descriptors; None unless configured.
     """
 
     def __init__(
@@ -174,6 +192,7 @@ class UsbCdc:
         if self.path.exists() and not self.path.is_symlink():
             raise FileExistsError(f"{self.path} is there and no link; it is left alone")
         self.plugged = True
+        self.baud = _BAUD
         self.error = ""
         self.identity: UsbIdentity | None = None
         self._lock = threading.RLock()
@@ -232,6 +251,13 @@ class UsbCdc:
         with self._lock:
             self._poll()
             return self._line is not None and self._line.is_open()
+
+    def baud_rate(self) -> int:
+        """Return the baud rate that the program on the host has set; 0 if the port is not open."""
+        with self._lock:
+            if self._line is None or not self._line.is_open():
+                return 0
+            return self._line.rate()
 
     def write(self, data: bytes | bytearray | memoryview) -> int:
         """Send without waiting; return how many bytes were accepted.
@@ -404,7 +430,7 @@ class UsbCdc:
         assert self._enabled is not None
         try:
             self.identity = check_descriptors(*self._enabled)
-            self._line = _Line(self.path)
+            self._line = _Line(self.path, self.baud)
             if self._epoll is not None:
                 self._epoll.register(self._line.master, select.EPOLLIN | select.EPOLLET)
         except DescriptorError as error:

@@ -2,8 +2,12 @@
 """System calls on MicroPython: a device file of the engine (``engine/micropython.mjs``).
 
 A write is the operation's octet and its data; the first read carries it out. The response is an
-error number or 0, u32 number or length, octets.
+error number or 0, u32 number or length, octets. The engine answers for the ticks itself where it
+can, without the file: programs read them at each turn.
 """
+
+from _ops import TICKS_MS, TICKS_US  # type: ignore[import-not-found]
+from _ticks import ticks as _ticks  # type: ignore[import-not-found]
 
 _line = open("/dev/board", "r+b", 0)
 _head = bytearray(5)
@@ -31,4 +35,8 @@ def call(op: int, data: bytes = b"") -> bytes:
 
 def number(op: int, data: bytes = b"") -> int:
     """Carry out an operation and return its number, which is in the place of the length."""
+    if op == TICKS_MS or op == TICKS_US:
+        ticks = _ticks(op)
+        if ticks >= 0:
+            return ticks
     return _ask(op, data)

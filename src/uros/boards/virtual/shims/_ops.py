@@ -60,6 +60,14 @@ EPOCH_SET = 49  #   i64 nanoseconds since 2000                  nothing
 CORE_START = 50  #  name of a module                            nothing
 MAIL_SEND = 51  #   u8 mailbox, u8 number, octets               nothing
 MAIL_RECEIVE = 52  # u8 mailbox                                 u8 number, octets; nothing: no mail
+RESET_CAUSE = 53  # nothing                                     number: machine.reset_cause()
+WDT_FEED = 54  #    u32 milliseconds; starts it, 0: as before   nothing
+DEEPSLEEP = 55  #   u32 milliseconds; 0: for ever               none: the program starts anew
+NET_BIND = 57  #    u8 handle, u16 port                         nothing
+RTC_MEMORY = 56  #  nothing, or u8 1 and octets to store        octets, or nothing
+UART_WAIT = 58  #   u8 number, u16 at most, u32 microseconds    octets, once there are any or the
+#                                                               time is up
+ADVICE = 59  #      u8 operation that failed, name              text: what the board has instead
 
 # States of USB, added up.
 USB_OPEN = 1  # configured by the host

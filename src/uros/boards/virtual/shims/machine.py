@@ -18,7 +18,18 @@ WDT_RESET = 3
 DEEPSLEEP_RESET = 4
 SOFT_RESET = 5
 
+_RTC_BYTES = 2048
+_TICKS = 0x3FFFFFFF  # the largest number of ticks
+_EMPTY_US = 500  # of a UART: see there
+_WAITED_US = 2000
+_WAIT_OCTETS = 256
 _IDLE_US = 1000  # the period of the tick, which wakes a board at the latest
+
+
+def _missing(text: str, operation: int, name: object) -> ValueError:
+    """Return MicroPython's error, and what this virtual board has."""
+    octets = bytes((operation,)) + str(name).encode()
+    return ValueError(text + ": " + _board.call(_board.ADVICE, octets).decode())
 
 
 def unique_id() -> bytes:
@@ -61,6 +72,19 @@ def lightsleep(ms: int) -> None:
             _irq.run()
 
 
+def deepsleep(ms: int = 0) -> None:
+    """Sleep for ``ms`` milliseconds, 0 for ever, and start anew. Does not return.
+
+    Only the real-time clock and its memory keep running.
+    """
+    _board.call(_board.DEEPSLEEP, struct.pack("<I", ms))
+
+
+def reset_cause() -> int:
+    """Return why the program was started: one of the constants ``..._RESET``."""
+    return _board.number(_board.RESET_CAUSE)
+
+
 def disable_irq() -> int:
     """Disable interrupts; does nothing here, where none interrupts the firmware."""
     return 1
@@ -92,6 +116,33 @@ class RTC:
         _board.call(_board.EPOCH_SET, struct.pack("<q", seconds * 1000000000 + us * 1000))
         return None
 
+    def memory(self, data: "bytes | None" = None) -> "bytes | None":
+        """Return or set the memory of an ESP32, 2048 bytes, which resets and deep sleep keep."""
+        if data is None:
+            return _board.call(_board.RTC_MEMORY)
+        if len(data) > _RTC_BYTES:
+            raise ValueError("buffer too long")
+        _board.call(_board.RTC_MEMORY, b"\1" + bytes(data))
+        return None
+
+
+class WDT:
+    """The watchdog: resets the board unless it is fed within ``timeout`` ms. It cannot be stopped.
+
+    Another object changes the timeout, as on an ESP32.
+    """
+
+    def __init__(self, id: int = 0, timeout: int = 5000) -> None:
+        if id:
+            raise ValueError("WDT(" + str(id) + ") doesn't exist")
+        if timeout <= 0:
+            raise ValueError("WDT timeout too short")
+        _board.call(_board.WDT_FEED, struct.pack("<I", timeout))
+
+    def feed(self) -> None:
+        """Restart the timeout."""
+        _board.number(_board.WDT_FEED, b"\0\0\0\0")
+
 
 class Pin:
     """A pin by its name on the board, such as "P414", or its number."""
@@ -122,7 +173,7 @@ class Pin:
             how = bytes((mode & 255, (0 if pull is None else pull) & 255))
             _board.call(_board.PIN_MODE, how + self._octets)
         except OSError:
-            raise ValueError("invalid pin")  # noqa: B904
+            raise _missing("invalid pin", _board.PIN_MODE, self._name)  # noqa: B904
 
     def value(self, level: int | None = None) -> int | None:
         """Return the level of the pin, or set it."""
@@ -250,7 +301,8 @@ class ADC:
         try:
             self.read_u16()
         except OSError:
-            raise ValueError("Pin doesn't have ADC capabilities")  # noqa: B904
+            text = "Pin doesn't have ADC capabilities"
+            raise _missing(text, _board.ADC_READ, "")  # noqa: B904
 
     def atten(self, value: int) -> None:
         """Set the attenuation; does nothing here."""
@@ -295,7 +347,8 @@ class I2C:
         try:
             _board.call(_board.I2C_INIT, struct.pack("<BII", self._id, freq, timeout))
         except OSError:
-            raise ValueError("I2C(" + str(self._id) + ") doesn't exist")  # noqa: B904
+            text = "I2C(" + str(self._id) + ") doesn't exist"
+            raise _missing(text, _board.I2C_INIT, self._id)  # noqa: B904
         self._freq = freq
 
     def __repr__(self) -> str:
@@ -353,7 +406,9 @@ def _register(memaddr: int, addrsize: int) -> bytes:
 class UART:
     """A UART by its number; only those with a device connected exist.
 
-    No call waits: ``timeout`` is 0. It buffers ``rxbuf`` received octets.
+    No call but :meth:`wait` waits: ``timeout`` is 0. It buffers ``rxbuf`` received octets. Where
+    nothing was received, the next half a millisecond brings nothing either, 2 ms after a wait:
+    programs read often, and each read costs the host more than a board.
     """
 
     def __init__(
@@ -362,28 +417,55 @@ class UART:
         rxbuf: int = 256, timeout: int = 0, timeout_char: int = 0,
     ) -> None:  # fmt: skip
         self._id = id
+        self._empty = -1  # the ticks when there was nothing more to read
+        self._quiet_us = 0  # how long after that the board is not asked
+        self._waited = b""  # received in wait() and not read yet
         try:
             _board.call(_board.UART_INIT, struct.pack("<BII", self._id, baudrate, rxbuf))
         except OSError:
-            raise ValueError("UART(" + str(self._id) + ") doesn't exist")  # noqa: B904
+            text = "UART(" + str(id) + ") doesn't exist"
+            raise _missing(text, _board.UART_INIT, id)  # noqa: B904
 
     def deinit(self) -> None:
         """Switch the UART off; does nothing here."""
 
     def any(self) -> int:
         """Return how many octets there are to read."""
-        return _board.number(_board.UART_ANY, bytes((self._id,)))
+        return len(self._waited) + _board.number(_board.UART_ANY, bytes((self._id,)))
 
     def read(self, nbytes: int = 65535) -> bytes | None:
         """Return at most ``nbytes`` octets received, None when there are none."""
         if _irq.handlers:
             _irq.run()
+        if self._waited:
+            data, self._waited = self._waited[:nbytes], self._waited[nbytes:]
+            return data
+        now = _board.number(_board.TICKS_US)
+        if self._empty >= 0 and ((now - self._empty) & _TICKS) < self._quiet_us:
+            return None
         data = _board.call(_board.UART_READ, struct.pack("<BH", self._id, nbytes))
+        self._empty, self._quiet_us = -1 if data else now, _EMPTY_US
         return data if data else None
 
     def write(self, buf: bytes) -> int:
         """Send octets; return how many were taken."""
         return _board.number(_board.UART_WRITE, bytes((self._id,)) + bytes(buf))
+
+    def wait(self, timeout_ms: int) -> None:
+        """Wait until there are octets to read, for ``timeout_ms`` at most.
+
+        MicroPython's UART does not have this method. The client's ``StreamTransport`` uses it where
+        a port has it, and polls elsewhere, which would take much of the host's time.
+        """
+        if self._waited:
+            return
+        wait = struct.pack("<BHI", self._id, _WAIT_OCTETS, timeout_ms * 1000)
+        self._waited = _board.call(_board.UART_WAIT, wait)
+        emptied = len(self._waited) < _WAIT_OCTETS
+        self._empty = _board.number(_board.TICKS_US) if emptied else -1
+        self._quiet_us = _WAITED_US
+        if _irq.handlers:
+            _irq.run()
 
 
 class SPI:
@@ -401,7 +483,8 @@ class SPI:
         try:
             _board.call(_board.SPI_INIT, bytes((id, polarity << 1 | phase)))
         except OSError:
-            raise ValueError("SPI(" + str(id) + ") doesn't exist")  # noqa: B904
+            text = "SPI(" + str(id) + ") doesn't exist"
+            raise _missing(text, _board.SPI_INIT, id)  # noqa: B904
 
     def deinit(self) -> None:
         """Switch the bus off; does nothing here."""

@@ -18,7 +18,8 @@ _STATUS = (STAT_IDLE, STAT_CONNECTING, STAT_WRONG_PASSWORD, STAT_NO_AP_FOUND, ST
 try:
     _board.number(_board.WLAN_STATUS)
 except OSError:  # firmware for boards without a radio lacks this module
-    raise ImportError("no module named 'network'")  # noqa: B904
+    _why = _board.call(_board.ADVICE, bytes((_board.WLAN_STATUS,))).decode()
+    raise ImportError("no module named 'network': " + _why)  # noqa: B904
 
 _hostname = "mpy-virtual"
 

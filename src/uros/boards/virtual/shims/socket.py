@@ -15,7 +15,8 @@ _STREAM_POLL = 3
 try:
     _board.number(_board.WLAN_STATUS)
 except OSError:  # firmware for boards without a radio lacks this module
-    raise ImportError("no module named 'socket'")  # noqa: B904
+    _why = _board.call(_board.ADVICE, bytes((_board.WLAN_STATUS,))).decode()
+    raise ImportError("no module named 'socket': " + _why)  # noqa: B904
 
 
 def getaddrinfo(
@@ -38,6 +39,10 @@ class socket:
 
     def setsockopt(self, level: int, name: int, value: int) -> None:
         """Set an option; does nothing here."""
+
+    def bind(self, address: "tuple[str, int]") -> None:
+        """Send from the port of (host, port); the host is ignored: there is one network."""
+        _board.call(_board.NET_BIND, struct.pack("<BH", self._handle, address[1]))
 
     def connect(self, address: "tuple[str, int]") -> None:
         """Connect to (host, port)."""

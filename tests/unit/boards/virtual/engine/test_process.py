@@ -1,19 +1,23 @@
 """A board in a process of its own: its events, its commands and its end."""
 
 import os
+import queue
 import select
 import signal
 import subprocess
 import sys
 import textwrap
+import threading
 import time
 
 import pytest
 
+from uros.agent.transports.baud import set_baud_rate
 from uros.boards.virtual.engine import process as engine
 from uros.boards.virtual.engine.runner import BoardGone, RunningBoard, StartError
 from uros.boards.virtual.hardware.board import FaultError
 from uros.boards.virtual.models.catalog import BoardError
+from uros.transport.serial_host import DevicePort
 
 BOARD = "ra6m5_sensor_node"
 
@@ -375,3 +379,88 @@ def test_a_virtual_board_has_the_messages_of_ros_distro(program, engine_name, mo
     """
     with RunningBoard(program(text), BOARD, engine_name) as board:
         board.wait("octets 32 [False, True]")
+
+
+UART_ECHO = """
+    from machine import UART
+    uart = UART(2, 9600, timeout=0)
+    while True:
+        uart.wait(1000)
+        data = uart.read(64)
+        if data:
+            uart.write(data.upper())
+"""
+
+
+def test_both_ends_of_a_line_need_the_same_baud_rate(program):
+    """The program on the host sets the rate of the line, as that of a real adapter."""
+    told = []
+    differ = threading.Event()
+
+    def on_event(event):
+        if event["event"] == "baud":
+            told.append((event["board"], event["line"]))
+            differ.set()
+
+    with RunningBoard(program(UART_ECHO), "esp32_publisher", on_event=on_event) as board:
+        assert board.baud == 115200
+        port = DevicePort(str(board.path), 115200)
+        port.open()
+        assert differ.wait(20) and told == [(9600, 115200)]
+        port.write(b"hello")
+        assert len(answer(port, 5)) == 5  # noise
+        set_baud_rate(port.fd, 9600)
+        port.write(b"hello")
+        heard = answer(port, 5)
+        # What the board had received at the wrong rate may come first.
+        while not heard.endswith(b"HELLO"):
+            heard += answer(port, 1)
+        port.close()
+
+
+def answer(port, size):
+    data = b""
+    while len(data) < size:
+        port.wait(20_000)
+        chunk = port.read(4096)
+        assert chunk, f"only {data!r} of {size} octets came"
+        data += chunk
+    return data
+
+
+@pytest.mark.skipif(not os.path.exists("/proc"), reason="not on this platform: needs /proc")
+def test_an_idle_board_sleeps_until_something_happens():
+    """Its process wakes some tens of times a second; polling its UART would wake it a thousand."""
+    blinks = queue.Queue()
+
+    def on_event(event):
+        if event["event"] == "part" and event["name"] == "led":
+            blinks.put(event["shows"])
+
+    with RunningBoard("esp32_publisher", on_event=on_event) as board:
+        for _ in range(2):
+            blinks.get(timeout=30)
+        before = switches(board._process.pid)
+        for _ in range(10):  # without an agent, the LED blinks
+            blinks.get(timeout=30)
+        assert switches(board._process.pid) - before < 150
+
+
+def switches(pid):
+    total = 0
+    for thread in os.listdir(f"/proc/{pid}/task"):
+        with open(f"/proc/{pid}/task/{thread}/status") as file:
+            total += sum(int(line.split()[1]) for line in file if line.startswith("voluntary"))
+    return total
+
+
+def test_a_module_that_the_board_is_said_to_have(program):
+    folder = program("import my_driver\n")
+    with pytest.raises(StartError, match="--provided my_driver"):
+        RunningBoard(folder, BOARD).start()
+    with RunningBoard(folder, BOARD, provided=["my_driver"]) as board:
+        assert "no module named 'my_driver'" in board.wait_end()
+        assert "my_driver.py beside main.py" in board.wait("a virtual board has no module")
+    (folder / "my_driver.py").write_text("print('mine')\n")
+    with RunningBoard(folder, BOARD, provided=["my_driver"]) as board:
+        board.wait("mine")

@@ -1,6 +1,7 @@
 """A board's crystal against true time."""
 
 import os
+import sys
 import time
 
 import pytest
@@ -27,6 +28,22 @@ def test_the_crystal_drifts_by_50_ppm():
     assert clock.world_us() == DAY_US
     assert clock.ticks_us() == DAY_US + 4_320_000
     assert clock.epoch_ns() == RTC_START_NS + (DAY_US + 4_320_000) * 1000
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="not on this platform: another host clock")
+@pytest.mark.parametrize("speed", [1.0, 2.5])
+def test_another_process_can_compute_the_ticks(speed):
+    clock = BoardClock(speed=speed)
+    clock.restart()
+    power_on, restarted, factor, rate = clock.ticks_formula()
+    before = clock.ticks_us()
+    since = time.clock_gettime_ns(time.CLOCK_MONOTONIC) - power_on
+    ticks = (int(since * factor) * rate // 10**9 - restarted) // 1000
+    assert before <= ticks <= clock.ticks_us()
+
+
+def test_a_clock_that_is_not_the_hosts_has_no_formula():
+    assert ManualClock().ticks_formula() is None
 
 
 def test_sleeps_are_timed_by_the_crystal():

@@ -74,6 +74,76 @@ def test_at_another_baud_rate_both_ends_receive_noise(line):
     assert len(device.received) == 4 and device.received != b"AT\r\n"
 
 
+def test_a_rate_within_three_percent_is_understood(line):
+    _, device, uart = line
+    for baud, understood in ((111_860, True), (118_500, True), (111_000, False), (119_000, False)):
+        uart.init(baud, 256)
+        assert uart.understood() is understood, baud
+        assert uart.rates() == (baud, 115200)
+
+
+class Cable(Device):
+    """A device at a rate that may change, which tells when there is something to read."""
+
+    def __init__(self, clock):
+        super().__init__()
+        self.baud = 115200
+        self.waits = []
+        self._clock = clock
+
+    def any(self):
+        return len(self.to_send)
+
+    def wait(self, seconds):
+        self.waits.append(seconds)
+        self._clock.sleep_world_us(round(seconds * 1e6))
+
+
+def test_the_rate_of_a_cable_may_change_and_is_unknown_without_a_program():
+    clock = ManualClock()
+    cable = Cable(clock)
+    uart = Uart(cable, 115200, clock, cable)
+    for baud, understood in ((9600, False), (115200, True), (0, True)):
+        cable.baud, cable.received = baud, b""
+        uart.write(b"abc")
+        clock.advance(1_000_000)
+        uart.any()
+        assert (cable.received == b"abc") is uart.understood() is understood, baud
+
+
+def test_an_idle_cable_is_waited_for_once_and_other_devices_are_polled(line):
+    clock = ManualClock()
+    cable = Cable(clock)
+    uart = Uart(cable, 115200, clock, cable)
+    uart.pause(100_000)
+    assert cable.waits == [0.1] and clock.world_us() == 100_000
+    cable.to_send = bytes(20)
+    # What began to come at the end of the wait has its time on the line, and so has what is sent.
+    assert uart.any() == 0 and uart.under_way() == 20
+    uart.pause(100_000)
+    assert uart.any() == 20 and 101_700 < clock.world_us() < 101_800
+    uart.write(bytes(40))
+    uart.pause(100_000)
+    uart.any()
+    assert len(cable.received) == 40 and clock.world_us() < 105_500 and len(cable.waits) == 1
+    other_clock, _, other = line
+    other.pause(100_000)
+    assert other_clock.world_us() == 1_000
+
+
+def test_a_long_message_leaves_room_in_the_receive_buffer():
+    clock = ManualClock()
+    cable = Cable(clock)
+    uart = Uart(cable, 115200, clock, cable)
+    cable.to_send = bytes(5000)
+    received = 0
+    while cable.any() or uart.any():
+        while uart.any() >= 0 and uart.under_way():
+            uart.pause(100_000)
+        received += len(uart.read(256))
+    assert received == 5000 and uart.overruns == 0
+
+
 def test_a_bus_in_the_wrong_mode_or_without_selection_reads_ff():
     class Modem:
         written = b""
