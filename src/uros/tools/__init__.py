@@ -5,9 +5,14 @@
 ``common``     Options, joining the domain and hints, for the verbs on a ROS 2 network
 ``demo``       ``uros demo``: run a virtual board, an agent and a ROS 2 subscriber, on this
                machine only
+``empty``      Says why a list of the network is empty
+``ending``     The end of a command that runs other processes: by signals, and without being
+               interrupted
 ``errors``     Errors that end a command with one line for the user instead of a traceback
 ``fleet``      ``uros fleet``: run the virtual boards that a file lists, and one agent for them
 ``pages``      Options and opening of the page, for the verbs with a page in a browser
+``parser``     The parser of every command, whose errors are one line with the choice meant
+``progress``   The progress of a command that takes seconds, on standard error
 ``waiting``    Waits for a topic and finds its type
 ``agent``      ``uros agent`` and its verbs
 ``board``      ``uros board``: a module for each verb

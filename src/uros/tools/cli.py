@@ -3,8 +3,9 @@
 A verb's module has ``add_arguments(parser)`` and ``run(args) -> exit status``. It is imported
 only when its verb is used, so that ``uros --help`` stays cheap.
 
-Exit status: 0 success, 1 an error that the user can fix (one line on standard error), 2 a wrong
-command line, 130 interrupted, 141 the reader of the output has closed it.
+Exit status: 0 success, 1 an error that the user can fix, 2 a wrong command line or environment
+variable, 130 interrupted, 141 the reader of the output has closed it. An error is one line on
+standard error.
 """
 
 from __future__ import annotations
@@ -12,14 +13,14 @@ from __future__ import annotations
 import argparse
 import errno
 import os
-import re
 import sys
 from collections.abc import Callable, Mapping
 from importlib import import_module
-from typing import Final, NamedTuple, NoReturn
+from typing import Final, NamedTuple
 
 from .. import __version__
 from ..printable import guarded, printable
+from .parser import Parser
 
 
 class Verb(NamedTuple):
@@ -104,17 +105,26 @@ _ROOT: Final = Group(
             "run virtual boards; build and deploy programs for real ones",
             {
                 "list": Verb("list boards", "board.list"),
+                "new": Verb("begin a program: main.py, README and test", "board.new"),
                 "run": Verb("run virtual boards with their firmware", "board.run"),
                 "build": Verb("build a program for a board", "board.build"),
                 "index": Verb("build a package index for MicroPython's mip", "board.index"),
                 "deploy": Verb("deploy a program to a board and show its console", "board.deploy"),
                 "console": Verb("show the console of a real board", "board.console"),
+                "stubs": Verb("write type stubs for editors", "board.stubs"),
             },
         ),
         "fleet": Verb("run the virtual boards that a file lists", "fleet"),
         "doctor": Verb("check why boards and ROS 2 nodes do not communicate", "doctor.command"),
     },
 )
+
+# Commands of ros2 that uros does not have, by the group that they are in; "" is ros2 itself.
+_ROS2: Final[Mapping[str, tuple[str, ...]]] = {
+    "": ("action", "bag", "component", "launch", "lifecycle", "param"),
+    "topic": ("bw", "delay", "find", "type"),
+    "service": ("echo", "info"),
+}
 
 _INTERRUPTED: Final = 130
 _BROKEN_PIPE: Final = 141
@@ -139,19 +149,6 @@ def agent_main(argv: list[str] | None = None) -> int:
     return _guard(lambda: _run_verb(os.path.basename(sys.argv[0]), _AGENT, arguments))
 
 
-class _Parser(argparse.ArgumentParser):
-    """A parser whose errors name the choice that comes close to a wrong one."""
-
-    def error(self, message: str) -> NoReturn:
-        wrong = re.search(r"invalid choice: (.+) \(choose from (.+)\)$", message)
-        if wrong:
-            from .errors import did_you_mean
-
-            choices = [choice.strip("' ") for choice in wrong[2].split(",")]
-            message += did_you_mean(wrong[1].strip("'"), choices)
-        super().error(message)
-
-
 def _run_group(prog: str, group: Group, argv: list[str]) -> int:
     if argv and argv[0] in group.members:
         name, rest = argv[0], argv[1:]
@@ -160,7 +157,7 @@ def _run_group(prog: str, group: Group, argv: list[str]) -> int:
             return _run_verb(f"{prog} {name}", member, rest)
         return _run_group(f"{prog} {name}", member, rest)
     width = max(map(len, group.members)) + 2
-    parser = _Parser(
+    parser = Parser(
         prog=prog,
         usage=f"{prog} COMMAND ...",
         description=group.help,
@@ -179,8 +176,10 @@ def _run_group(prog: str, group: Group, argv: list[str]) -> int:
     if argv and not argv[0].startswith("-"):
         from .errors import did_you_mean
 
+        close = did_you_mean(argv[0], group.members)
+        elsewhere = "" if close else _elsewhere(group, argv[0])
         parser.error(
-            f"there is no command {argv[0]!r}{did_you_mean(argv[0], group.members)}"
+            f"there is no command {argv[0]!r}{close}{elsewhere}"
             f" (commands: {', '.join(group.members)})"
         )
     parser.parse_args(argv)
@@ -188,23 +187,23 @@ def _run_group(prog: str, group: Group, argv: list[str]) -> int:
     return 0
 
 
+def _elsewhere(group: Group, name: str) -> str:
+    """Return where a command of ros2 is that uros does not have, or nothing."""
+    if group is _ROOT and name == "wtf":
+        return "; uros doctor does that"
+    path = next((word for word, member in _ROOT.members.items() if member is group), "")
+    if name not in _ROS2.get(path, ()):
+        return ""
+    return f"; boards are ordinary nodes for '{' '.join(['ros2', *path.split(), name])}' of ROS 2"
+
+
 def _run_verb(prog: str, verb: Verb, argv: list[str]) -> int:
     module = import_module(f"uros.tools.{verb.module}")
-    parser = _Parser(prog=prog, description=verb.help)
+    parser = Parser(prog=prog, description=verb.help)
     module.add_arguments(parser)
-    args, unknown = parser.parse_known_args(without_ros_args(argv) if verb.ros_args else argv)
-    if unknown:
-        parser.error(f"unrecognized arguments: {' '.join(unknown)}{_close_option(parser, unknown)}")
+    args = parser.parse_args(without_ros_args(argv) if verb.ros_args else argv)
     status: int = module.run(args)
     return status
-
-
-def _close_option(parser: argparse.ArgumentParser, unknown: list[str]) -> str:
-    from .errors import did_you_mean
-
-    known = dict.fromkeys(re.findall(r"(?<!\S)--[a-z][a-z0-9-]*", parser.format_help()))
-    options = [word.partition("=")[0] for word in unknown if word.startswith("--")]
-    return did_you_mean(options[0], known) if options else ""
 
 
 def without_ros_args(argv: list[str]) -> list[str]:
@@ -267,7 +266,7 @@ def _reported(run: Callable[[], int]) -> int:
         if not isinstance(error, _user_errors()):
             raise
         print(f"uros: {printable(' '.join(str(error).split()))}", file=sys.stderr)
-        return 1
+        return 2 if isinstance(error, _wrong_settings()) else 1
 
 
 def _user_errors() -> tuple[type[Exception], ...]:
@@ -276,6 +275,14 @@ def _user_errors() -> tuple[type[Exception], ...]:
     from .errors import ToolError
 
     return ToolError, MiddlewareError, InterfaceError
+
+
+def _wrong_settings() -> tuple[type[Exception], ...]:
+    """Return the errors of what the user has given with the command, as options and variables."""
+    from ..middleware.environment import VariableError
+    from .errors import UsageError
+
+    return UsageError, VariableError
 
 
 if __name__ == "__main__":

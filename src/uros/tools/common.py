@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Final
 
@@ -46,7 +45,8 @@ def add_interfaces(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         action="append",
         default=[],
-        help="folder with further .msg, .srv and .action files; may be repeated",
+        help="folder with further .msg, .srv and .action files, besides those of UROS_INTERFACES;"
+        " may be repeated",
     )
 
 
@@ -88,12 +88,16 @@ def use_distro(name: str | None) -> None:
 
 
 def know_interfaces(args: argparse.Namespace) -> None:
-    """Apply ``--distro`` and ``--interfaces``.
+    """Apply ``--distro`` and ``--interfaces``, and check the variable UROS_INTERFACES.
 
     Raises:
         InterfaceError: A folder or a definition is wrong.
     """
     know_distro(args)
+    if "UROS_INTERFACES" in os.environ:
+        from ..interfaces import registry
+
+        registry.check_variable()
     if args.interfaces:
         from ..interfaces import add_folder
 
@@ -224,7 +228,7 @@ def discover(network: Network, args: argparse.Namespace) -> None:
 def remedy(network: Network, name: str, known: Iterable[str]) -> str:
     """Return the end of a message about an unknown name: similar names, or why there are none."""
     if network.alone:
-        return f": {_alone(network)}"
+        return f": {why_alone(network)}"
     close = did_you_mean(name, known)
     if close:
         return f" in domain {network.domain}{close}"
@@ -234,13 +238,8 @@ def remedy(network: Network, name: str, known: Iterable[str]) -> str:
     )
 
 
-def hint_if_alone(network: Network) -> None:
-    """Explain an empty list on a terminal, if no other participant was found."""
-    if network.alone and sys.stderr.isatty():
-        print(f"uros: {_alone(network)}, or run 'uros doctor'", file=sys.stderr)
-
-
-def _alone(network: Network) -> str:
+def why_alone(network: Network) -> str:
+    """Return what to check if no other participant was found."""
     return (
         f"no other participant was found in domain {network.domain}; check --domain, ROS_DOMAIN_ID"
         " and ROS_AUTOMATIC_DISCOVERY_RANGE"

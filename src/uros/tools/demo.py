@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, Final
 from ..printable import printable, unguarded
 from .agent.child_process import AgentProcess
 from .common import add_engine, domain, positive_float
+from .ending import end_on_signals, uninterrupted
 from .errors import ToolError
 
 if TYPE_CHECKING:
@@ -41,6 +42,7 @@ TOPICS: Final = (
     ("/sensors/ambient_light", "std_msgs/msg/UInt16", _LIGHT),
     ("/sensors/diagnostic", "std_msgs/msg/String", None),
 )
+TYPES: Final = tuple(type_name for _, type_name, _ in TOPICS)
 # How many of the last delays the median is of while the demo runs.
 _RECENT: Final = 50
 _REDRAW_SECONDS: Final = 0.25
@@ -154,7 +156,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the demo.
 
     Returns:
-        0 if every topic was received, else 1.
+        0 if every topic was received, 130 if Ctrl-C came before, else 1.
 
     Raises:
         ToolError: The board or the agent ended early.
@@ -164,8 +166,10 @@ def run(args: argparse.Namespace) -> int:
     from ..boards.virtual.engine.runner import RunningBoard, StartError
     from .common import join
 
+    end_on_signals()
     args.interfaces, args.distro = [], None
     reads = _Reads()
+    interrupted = False
     topics = [_Topic(name, type_name, device, reads) for name, type_name, device in TOPICS]
     with join(args) as network:
         for topic in topics:
@@ -177,21 +181,24 @@ def run(args: argparse.Namespace) -> int:
             raise ToolError(str(error)) from error
         try:
             print(
-                f"A virtual EK-RA6M5 (engine {args.engine}) runs on {board.path}, and an agent for"
-                f" it in ROS domain {network.domain}. Waiting for its topics ...",
+                f"A virtual EK-RA6M5 (engine {args.engine}) runs, with an agent in ROS domain"
+                f" {network.domain}.\nIts USB line is {board.path}.\nWaiting for its topics ...",
                 flush=True,
             )
             agent = _Agent(board.path, network.domain)
             try:
                 _watch(network, agent, board, topics, args.seconds)
             except KeyboardInterrupt:
+                interrupted = True
                 print()
             finally:
-                board.stop()
-                agent.close()
+                with uninterrupted():
+                    agent.close()  # first: it would log the end of the board as a lost device
+                    agent.print_news()
         finally:
-            board.stop()
-    return _summary(topics)
+            with uninterrupted():
+                board.stop()
+    return _summary(topics, interrupted)
 
 
 def _watch(
@@ -213,18 +220,22 @@ def _watch(
             raise ToolError(f"the board's USB: {board.usb_error}")
         pause = _REDRAW_SECONDS if end is None else end - time.monotonic()
         network.spin(lambda: False, max(0.0, min(_REDRAW_SECONDS, pause)))
-        if not drawn:
-            agent.print_news()
-            if any(topic.count for topic in topics):
-                print("\nMessages received over DDS (Ctrl-C to exit):\n")
-                drawn = _draw(topics, live)
-        elif live:
-            print(f"\033[{drawn}A", end="", file=unguarded(sys.stdout))
+        if drawn and live:
+            # The cursor goes up to the table, and what is to be told scrolls up above it.
+            print(f"\033[{drawn}A\033[J", end="", file=unguarded(sys.stdout))
+        agent.print_news()
+        if drawn and live:
+            drawn = _draw(topics, live)
+        elif not drawn and any(topic.count for topic in topics):
+            print("\nMessages received over DDS (Ctrl-C to exit):\n")
             drawn = _draw(topics, live)
 
 
 def _draw(topics: list[_Topic], live: bool = False) -> int:
-    """Print the table, cut to the terminal's width, and return its number of lines."""
+    """Print the table and return its number of lines.
+
+    On a terminal, a line that has no room is cut, and so is the end of a table that is too high.
+    """
     rows = [("TOPIC", "COUNT", "RATE", "DELAY", "VALUE", "TYPE")]
     for topic in topics:
         rate = "-" if topic.rate is None else f"{topic.rate:.1f} Hz"
@@ -232,32 +243,35 @@ def _draw(topics: list[_Topic], live: bool = False) -> int:
         shown = f"{statistics.median(delays):.2f} ms" if delays else "-"
         rows.append((topic.name, str(topic.count), rate, shown, topic.value, topic.type_name))
     widths = [max(len(row[i]) for row in rows) for i in range(5)]
-    room = shutil.get_terminal_size().columns - 1
+    size = shutil.get_terminal_size()
+    terminal = sys.stdout.isatty()
+    whole = not terminal or sum(widths) + 2 * len(widths) + max(map(len, TYPES)) <= size.columns
+    if terminal:
+        rows = rows[: size.lines - 1]  # the cursor cannot move up further
     for row in rows:
         cells = [row[0].ljust(widths[0])]
         cells += [row[i].rjust(widths[i]) for i in (1, 2, 3)]
-        line = "  ".join([*cells, row[4].ljust(widths[4]), row[5]])
-        # A line that wraps would break the redraw, which moves the cursor up by lines.
-        cut = line[:room] if sys.stdout.isatty() else line
-        if live:
-            print(f"{printable(cut)}\033[K", file=unguarded(sys.stdout), flush=True)
-        else:
-            print(printable(cut), flush=True)
+        line = "  ".join([*cells, row[4].ljust(widths[4]), row[5]] if whole else [*cells, row[4]])
+        if terminal and len(line) > size.columns:  # a line that wraps would break the redraw
+            line = line[: size.columns - 1] + "…"
+        print(printable(line.rstrip()), flush=True)
     return len(rows)
 
 
-def _summary(topics: list[_Topic]) -> int:
-    print("\nSummary:\n")
-    _draw(topics)
+def _summary(topics: list[_Topic], interrupted: bool) -> int:
+    if not sys.stdout.isatty():  # on a terminal the table is there
+        print("\nSummary:\n")
+        _draw(topics)
     delays = [delay for topic in topics for delay in topic.delays_ms()]
     if delays:
         print(
-            "\nDELAY: median from the end of a sensor's I2C read to the DDS reader in this process;"
-            f" of all {len(delays)} samples: {statistics.median(delays):.2f} ms"
+            "\nDELAY: median from the end of a sensor's I2C read to the DDS reader here;\nof all"
+            f" {len(delays)} samples: {statistics.median(delays):.2f} ms"
         )
     missing = [topic.name for topic in topics if not topic.count]
     if missing:
-        print(f"\nNot received: {', '.join(missing)}", file=sys.stderr)
-        return 1
+        when = " until Ctrl-C" if interrupted else ""
+        print(f"\nNot received{when}: {', '.join(missing)}", file=sys.stderr)
+        return 130 if interrupted else 1
     print("\nEvery topic was received.")
     return 0

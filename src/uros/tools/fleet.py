@@ -30,8 +30,9 @@ The file is TOML, with a table [[board]] for each board:
   seed = 7                      # of the first of them
   happen = ["usb:unplug"]       # actions and faults at the start
 
-'engine', 'firmware', 'plug', 'link', 'interfaces' and 'speed' are as with 'uros board run'. Paths
-are relative to the file's folder. Each line of input is a command, as there.
+'engine', 'firmware', 'plug', 'link', 'interfaces', 'provided', 'baudrate' and 'speed' are as with
+'uros board run'. Paths are relative to the file's folder. Each line of input is a command, as
+there.
 
 examples:
 
@@ -42,6 +43,7 @@ examples:
 _KEYS: Final[dict[str, type | tuple[type, ...]]] = {
     "run": str, "count": int, "namespace": str, "seed": int, "engine": str, "firmware": str,
     "link": str, "happen": list, "plug": list, "interfaces": list, "speed": (int, float),
+    "provided": list, "baudrate": int,
 }  # fmt: skip
 _FOR_ALL: Final = ("engine", "speed", "interfaces")
 _ENGINES: Final = ("cpython", "micropython")
@@ -153,8 +155,9 @@ def _plans(where: str, folder: Path, board: Mapping[str, Any]) -> list[Plan]:
             name, name, _path(folder, board.get("firmware")), engine,
             board.get("seed", 0) + index, board.get("happen", ()), board.get("plug", ()),
             [str(folder / name) for name in board.get("interfaces", ())],
-            _path(folder, board.get("link")), float(speed),
+            board.get("provided", ()), _path(folder, board.get("link")), float(speed),
             f"{namespace}{index + 1}" if namespace and count > 1 else namespace,
+            baud=board.get("baudrate"),
         )
         for index in range(count)
     ]  # fmt: skip

@@ -1,6 +1,8 @@
 import os
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -8,6 +10,8 @@ import uros
 from uros.interfaces import InterfaceError
 from uros.middleware.base import MiddlewareError
 from uros.tools import cli
+from uros.tools.agent import running_agents
+from uros.tools.empty import agents_reasons
 from uros.tools.errors import ToolError
 from uros.tools.topic import list as topic_list
 
@@ -69,9 +73,20 @@ def test_version(capsys):
         (["topc"], "did you mean 'topic'?"),
         (["zzz"], "commands: agent, demo, topic, node"),
         (["topic", "ech"], "uros topic: error: there is no command 'ech'; did you mean 'echo'?"),
+        (
+            ["bag", "record"],
+            "there is no command 'bag'; boards are ordinary nodes for 'ros2 bag' of",
+        ),
+        (["topic", "bw", "/x"], "'bw'; boards are ordinary nodes for 'ros2 topic bw' of ROS 2 (c"),
+        (["wtf"], "'wtf'; uros doctor does that (commands: "),
         (["--topic"], "unrecognized arguments: --topic"),
         (["topic", "echo", "/x", "--onec"], "--onec; did you mean '--once'?"),
-        (["topic", "list", "extra"], "unrecognized arguments: extra"),
+        (["topic", "list", "extra"], "unrecognized arguments: extra (help"),
+        (["topic", "list", "-m", "memory"], "-m memory (options: --help, --domain, --distro, "),
+        (["agent", "udp"], "invalid choice: 'udp'; did you mean 'udp4' or 'udp6'? (help"),
+        (["agent", "quic"], "invalid choice: 'quic' (choose from "),
+        (["agent", "udp4", "--prot", "1"], "uros agent udp4: error: unrecognized"),
+        (["agent", "udp4", "tcp4", "--prot", "1"], "--prot; did you mean '--port'?"),
         (["topic", "echo"], "TOPIC"),
         (["topic", "echo", "/a b"], "'/a b' is not a topic name"),
         (["topic", "info", "1x"], "'1x' is not a topic name"),
@@ -88,7 +103,8 @@ def test_a_wrong_command_line(arguments, said, capsys):
     assert cli.main(arguments) == 2
     captured = capsys.readouterr()
     assert said in captured.err
-    assert "usage: uros" in captured.err
+    assert re.search(r" \(help: uros[a-z0-9 ]* --help\)\n$", captured.err)
+    assert captured.err.count("\n") == 1 and "usage" not in captured.err
     assert captured.out == ""
 
 
@@ -149,18 +165,24 @@ def test_output_that_cannot_be_written():
     assert error == "uros: the output cannot be written: No space left on device\n"
 
 
-def test_a_domain_in_the_environment_that_does_not_exist(monkeypatch, capsys):
-    monkeypatch.setenv("ROS_DOMAIN_ID", "many")
-    assert cli.main(["topic", "list"]) == 1
-    assert capsys.readouterr().err == ("uros: ROS_DOMAIN_ID: 'many' is no domain; give 0 to 232\n")
+def test_a_domain_that_does_not_exist_has_one_status_and_one_wording(monkeypatch, capsys):
+    said = "'300' is not a domain; give 0 to 232"
+    assert cli.main(["topic", "list", "--domain", "300"]) == 2
+    assert said in capsys.readouterr().err
+    monkeypatch.setenv("ROS_DOMAIN_ID", "300")
+    assert cli.main(["topic", "list"]) == 2
+    assert capsys.readouterr().err == f"uros: ROS_DOMAIN_ID: {said}\n"
+    monkeypatch.setenv("XRCE_DOMAIN_ID_OVERRIDE", "300")
+    assert cli.main(["agent", "udp4", "-p", "0", "-m", "memory", "--domain", "0"]) == 2
+    assert capsys.readouterr().err == f"uros: XRCE_DOMAIN_ID_OVERRIDE: {said}\n"
 
 
-@pytest.mark.parametrize("verb", ["topic list", "node list", "service list", "service find a/b"])
-def test_an_empty_domain_is_explained_on_a_terminal_only(verb, own_domain_id, capsys, monkeypatch):
+@pytest.mark.parametrize(
+    "verb", ["topic list", "node list", "service list", "service find std_srvs/Empty"]
+)
+def test_an_empty_domain_is_explained(verb, own_domain_id, capsys, monkeypatch):
+    agents_here(monkeypatch)
     words = [*verb.split(), "--domain", str(own_domain_id), "--spin-time", "0.1"]
-    assert cli.main(words) == 0
-    assert capsys.readouterr() == ("", "")  # as ros2's, for scripts
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     assert cli.main(words) == 0
     out, err = capsys.readouterr()
     assert out == ""
@@ -168,9 +190,76 @@ def test_an_empty_domain_is_explained_on_a_terminal_only(verb, own_domain_id, ca
     assert err.endswith("or run 'uros doctor'\n") and err.count("\n") == 1
 
 
+def test_services_of_a_type_that_nobody_knows(own_domain_id, capsys, monkeypatch):
+    agents_here(monkeypatch)
+    words = ["service", "find", "std_srvs/Triger", "--domain", str(own_domain_id)]
+    assert cli.main([*words, "--spin-time", "0.1"]) == 0
+    assert capsys.readouterr().err.endswith(
+        "WARNING: no definition of the type std_srvs/srv/Triger is known; did you mean"
+        " 'std_srvs/srv/Trigger'?\n"
+    )
+
+
+def agents_here(monkeypatch, *snapshots):
+    """The agents of this machine; a snapshot may be an error."""
+    agents = [running_agents.RunningAgent(41 + at, Path("x")) for at in range(len(snapshots))]
+
+    def ask(agent, question):
+        if isinstance(snapshots[agent.pid - 41], Exception):
+            raise snapshots[agent.pid - 41]
+        return snapshots[agent.pid - 41]
+
+    monkeypatch.setattr(running_agents, "find_agents", lambda: agents)
+    monkeypatch.setattr(running_agents, "ask", ask)
+
+
+def test_what_the_agents_of_this_machine_tell_of_an_empty_domain(monkeypatch):
+    board = {"nodes": [{"name": "/board", "domain": 7}]}
+    here = {"middleware": "auto", "clients": [{"nodes": [{"name": "/b", "domain": 3}]}]}
+    agents_here(
+        monkeypatch,
+        {"middleware": "memory", "clients": [board, *here["clients"]]},
+        {"middleware": "auto", "clients": []},
+        {"middleware": "auto", "clients": [board, {"nodes": []}]},
+        {"middleware": "auto", "clients": [{"nodes": []}]},
+        ToolError("it has ended"),
+    )
+    assert agents_reasons(3) == [
+        "the agent 41 runs with -m memory: its boards reach each other, and no ROS 2 node; start it"
+        " without -m",
+        "the agent 42 has no board: 'uros agent status' shows what it serves",
+        "the agent 43 has its boards in domain 7: --domain 7",
+    ]
+    agents_here(monkeypatch, {"middleware": "auto", "clients": [board]}, here)
+    assert agents_reasons(3) == []  # an agent with a board there: other domains explain nothing
+
+
+def test_many_agents_are_not_all_named(own_domain_id, monkeypatch, capsys):
+    agents_here(monkeypatch, *[{"middleware": "auto", "clients": []}] * 5)
+    cli.main(["topic", "list", "--domain", str(own_domain_id), "--spin-time", "0.1"])
+    err = capsys.readouterr().err
+    assert err.count("has no board") == 3
+    assert err.endswith("uros: and 2 more agents: 'uros agent status' lists them\n")
+
+
+def test_topics_of_an_agent_without_a_network(own_domain_id, monkeypatch, capsys):
+    agents_here(monkeypatch, {"middleware": "memory", "clients": []})
+    cli.main(["topic", "list", "--domain", str(own_domain_id), "--spin-time", "0.1"])
+    err = capsys.readouterr().err
+    assert "no other participant" in err
+    assert "the agent 41 runs with -m memory" in err
+
+
 def test_interfaces_folder_that_does_not_exist(capsys):
     assert cli.main(["topic", "list", "--interfaces", "/no/such"]) == 1
     assert capsys.readouterr().err.startswith("uros: /no/such: no such folder")
+
+
+def test_the_variable_with_folders_is_checked_by_every_verb(monkeypatch, capsys):
+    monkeypatch.setenv("UROS_INTERFACES", "/no/such")
+    for verb in (["topic", "list"], ["interface", "list"], ["board", "index", "/no/out"]):
+        assert cli.main(verb) == 1
+        assert capsys.readouterr().err.startswith("uros: UROS_INTERFACES: /no/such: no such folder")
 
 
 @pytest.mark.parametrize(
@@ -218,3 +307,39 @@ def test_flags_of_the_agent_without_effect(arguments, said, capsys):
     assert cli.main(["agent", *arguments, "-m", "memory"]) == 1
     printed = capsys.readouterr().err
     assert printed.startswith("uros: ") and said in printed, printed
+
+
+INTERRUPTED = """
+import sys
+from importlib.abc import MetaPathFinder
+
+class Interrupt(MetaPathFinder):
+    def find_spec(self, name, path=None, target=None):
+        if name == {name!r}:
+            raise KeyboardInterrupt  # as the handler of SIGINT does
+
+sys.meta_path.insert(0, Interrupt())
+sys.argv = ["uros", "agent", "udp4", "-p", "0", "-m", "memory"]
+from uros.__main__ import main
+sys.exit(main())
+"""
+
+
+@pytest.mark.parametrize(
+    "name", ["argparse", "uros.tools.cli", "uros.tools.agent.command", "uros.agent.agent"]
+)
+def test_ctrl_c_while_modules_load_prints_nothing(name):
+    done = subprocess.run(
+        [sys.executable, "-S", "-c", f"import sys; sys.path[:] = {sys.path!r}"
+         + INTERRUPTED.format(name=name)],
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
+
+
+def test_the_installed_commands_handle_ctrl_c_first():
+    text = (Path(__file__).parents[3] / "pyproject.toml").read_text("utf-8")
+    scripts = re.search(r"\[project\.scripts\]\n((?:.+\n)+)", text)[1]
+    for name, function in re.findall(r'^(\w+) = "(.+)"$', scripts, re.MULTILINE):
+        assert function == f"uros.__main__:{'main' if name == 'uros' else 'agent_main'}"
+    assert scripts.count("\n") == 3

@@ -1,5 +1,6 @@
 """uros demo: the virtual board, the agent as a process, and what comes by DDS."""
 
+import io
 import os
 import re
 import select
@@ -35,7 +36,8 @@ def test_every_topic_is_received_until_the_time_is_over(own_domain_id):
         assert what in done.stdout
     # What matters comes first: no log of an agent that has nothing to warn of.
     first = done.stdout.partition("Messages received over DDS")[0].split("\n")
-    assert len([line for line in first if line]) == 1, first
+    assert [line.split()[0] for line in first if line] == ["A", "Its", "Waiting"], first
+    assert "device lost" not in done.stdout + done.stderr  # the end is no loss
     for topic, type_name, device in demo.TOPICS:
         count, rate, delay, value, shown_type = row(done, topic)
         assert int(count) >= 1
@@ -79,11 +81,73 @@ def test_delays_are_from_the_last_read_of_the_device():
     assert topic.delays_ms(last=1) == [0.5]
 
 
+class Terminal(io.StringIO):
+    """Standard output as a terminal."""
+
+    def isatty(self):
+        return True
+
+
+def shown_on(monkeypatch, columns, lines, news):
+    """The lines of a terminal after three turns; ``news`` are those of the agent in each turn."""
+    screen = Terminal()
+    monkeypatch.setattr(sys, "stdout", screen)
+    size = os.terminal_size((columns, lines))
+    monkeypatch.setattr(demo.shutil, "get_terminal_size", lambda: size)
+    topics = [demo._Topic(*topic, demo._Reads()) for topic in demo.TOPICS]
+    for topic in topics:
+        topic.count, topic.value = 1, "data: ra6m5_sensor_node initialized, and more"
+    turns = iter(news)
+    agent = SimpleNamespace(ended=False, print_news=lambda: print(*next(turns), sep="\n", end=""))
+    board = SimpleNamespace(ended=False, usb_error="")
+    left = len(news)
+
+    def spin(done, seconds):
+        nonlocal left
+        left -= 1
+        if left < 0:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        demo._watch(SimpleNamespace(spin=spin), agent, board, topics, None)
+    return terminal_lines(screen.getvalue())
+
+
+def terminal_lines(output):
+    """The lines that stand on a terminal: what scrolls up, and what is drawn over."""
+    lines = [""]
+    for part in re.split(r"(\033\[\d*[AJ]|\n)", output):
+        if part == "\n":
+            lines.append("")
+        elif part.endswith("A") and part.startswith("\033"):
+            del lines[len(lines) - 1 - int(part[2:-1]) :]
+            lines.append("")
+        elif part != "\033[J":
+            lines[-1] += part
+    return lines
+
+
+@pytest.mark.parametrize(
+    ("columns", "lines", "last"),
+    [(80, 24, "VALUE"), (200, 24, "TYPE"), (40, 24, "…"), (80, 5, "VALUE")],
+)
+def test_the_table_fits_the_terminal_and_stays_below_the_log(monkeypatch, columns, lines, last):
+    warning = "[1] warning | Watchdog | run | the process stood still" * 3 + "\n"
+    shown = shown_on(monkeypatch, columns, lines, [[], [warning], [], [warning], []])
+    head = [line for line in shown if line.startswith("TOPIC")]
+    assert len(head) == 1 and head[0].endswith(last), shown  # drawn over, and not again below
+    table = shown[shown.index(head[0]) :]
+    assert len([line for line in table if line]) == min(1 + len(demo.TOPICS), lines - 1)
+    assert all(len(line) <= columns for line in table)
+    assert shown.count(warning.rstrip()) == 2
+    assert table[-1] == "" and warning.rstrip() not in table
+
+
 @pytest.mark.parametrize("arguments", [["--seconds", "0"], ["--seconds", "x"], ["--domain", "233"]])
 def test_bad_options(arguments):
     done = run(1, *arguments)
     assert done.returncode == 2
-    assert done.stderr.startswith("usage:")
+    assert done.stderr.startswith("uros demo: error: ") and done.stderr.count("\n") == 1
 
 
 @pytest.mark.skipif(not os.path.exists("/proc"), reason="not on this platform: needs /proc")
@@ -105,3 +169,20 @@ def test_the_agent_ends_with_the_demo_however_it_ends(own_domain_id, number):
     demo_process.stdout.close()
     assert select.select([child], [], [], 20)[0], "the agent lives on"
     os.close(child)
+
+
+def test_an_interrupt_before_every_topic_was_received_has_its_own_status(own_domain_id):
+    with default_signals():
+        demo_process = subprocess.Popen(
+            [
+                sys.executable, "-m", "uros", "demo", "--domain", str(own_domain_id),
+                "--fault", "sht3x:absent",
+            ],
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+    assert demo_process.stdout is not None
+    assert any("Messages received" in line for line in demo_process.stdout)
+    demo_process.send_signal(signal.SIGINT)
+    _, said = demo_process.communicate(timeout=20)
+    assert demo_process.returncode == 130
+    assert "Not received until Ctrl-C: /sensors/room_temp" in said and "Traceback" not in said

@@ -7,13 +7,17 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
+from pathlib import Path
 
 import pytest
 from support.signals import default_signals
 
+from uros.boards.virtual.engine import runner
 from uros.tools import cli
-from uros.tools.board.screen import Row, layout
+from uros.tools.board.screen import Row, Screen, layout
+from uros.tools.board.simulation import Plan, Simulation, titles
 from uros.tools.errors import ToolError
 from uros.tools.fleet import read
 
@@ -173,6 +177,60 @@ def test_several_boards_are_distinguished_by_title(tmp_path, program):
     finally:
         fleet.process.kill()
         fleet.process.communicate()
+
+
+class Slow:
+    """A board whose start takes until another one starts too, and the last one's until one runs."""
+
+    together = threading.Barrier(2, timeout=60)
+    one_runs = threading.Event()
+    happenings = ("usb:unplug",)
+    usb = "detached"
+    baud = 115200
+    fails = ""
+
+    def __init__(self, firmware, *args, seed, **options):
+        self.path = Path("/dev/null")
+        self.seed = seed
+
+    def start(self):
+        if self.seed < 2:
+            self.together.wait()
+        elif not self.one_runs.wait(60):
+            raise AssertionError("nothing was printed while the last board started")
+        if self.fails:
+            raise {"start": runner.StartError, "time": TimeoutError}[self.fails](self.fails)
+
+    def stop(self):
+        pass
+
+
+@pytest.mark.parametrize("fails", ["", "start", "time"])
+def test_boards_start_together_and_each_is_printed_at_once(fails, monkeypatch, capsys):
+    said = []
+
+    def say(self, text):
+        said.append(text)
+        if "#2: esp32_publisher runs on cpython" in text:
+            Slow.one_runs.set()
+
+    Slow.one_runs.clear()
+    Slow.together.reset()
+    monkeypatch.setattr(Slow, "fails", fails)
+    monkeypatch.setattr(runner, "RunningBoard", Slow)
+    monkeypatch.setattr(Screen, "say", say)
+    monkeypatch.setattr(os, "cpu_count", lambda: 3)
+    names = titles(["esp32_publisher"] * 3)
+    plans = [Plan(name, "esp32_publisher", seed=seed) for seed, name in enumerate(names)]
+    if fails:
+        Slow.one_runs.set()
+        with pytest.raises(ToolError, match=fails):
+            Simulation(plans, False, seconds=0.01).run()
+        return
+    assert Simulation(plans, False, seconds=0.01).run() == 0
+    assert said[0] == "board: starting 3 boards"
+    starts = [line.partition(": esp32_publisher runs on cpython; its USB")[0] for line in said[1:4]]
+    assert sorted(starts) == sorted(names) and starts.index(names[1]) < starts.index(names[2])
 
 
 def test_options_of_one_board(capsys):

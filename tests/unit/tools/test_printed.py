@@ -423,10 +423,11 @@ def agent_status(output, monkeypatch):
     status = snapshot(clients=[evil])
     status["transports"][0].update(label=NAME)
     status["refused"][0].update(why=NAME, address=NAME)
-    monkeypatch.setattr(running_agents, "find_agent", lambda pid=None: None)
     monkeypatch.setattr(running_agents, "ask", lambda *_: status)
-    for options in ([], ["-v"], ["--json"]):
-        output("agent", "status", *options, status=0)
+    for agents in ([None], [None, None]):
+        monkeypatch.setattr(running_agents, "chosen_agents", lambda pid=None, all=agents: all)
+        for options in ([], ["-v"], ["--json"]):
+            output("agent", "status", *options, status=0)
 
 
 def agent(capsys):
@@ -440,7 +441,7 @@ def agent(capsys):
 def demonstration(output, capsys):
     topic = demo._Topic("/sensors/diagnostic", "std_msgs/msg/String", None, demo._Reads())
     topic.heard(Received(to_cdr(evil_string()), 1, 2))
-    cli._guard(lambda: demo._summary([topic]))
+    cli._guard(lambda: demo._summary([topic], False))
     visible_lines(capsys.readouterr().out)
 
 
@@ -478,6 +479,8 @@ FEEDS = {
     "interface build": interface_any("build"),
     "trace": trace,
     "replay": replay,
+    "board new": no_foreign_text("it prints the user's own names of files"),
+    "board stubs": no_foreign_text("it prints the user's own folder, and modules that uros has"),
     "board list": no_foreign_text("its table is in the code"),
     "board run": board_run,
     "board build": no_foreign_text("it reads the user's own program"),

@@ -12,7 +12,7 @@ from .finding import Finding, note, ok, problem, unknown, word
 # An offset of a board's clock that disturbs sensor fusion, in seconds.
 CLOCK_LIMIT: Final = 0.1
 # Faults of a line: bytes without a frame; broken frames, how many at least and one in how many.
-_NOISE: Final = 64
+_NOISE: Final = 16
 _FEW: Final = 5
 _BROKEN: Final = 20
 # How many ports are tried to suggest a free one.
@@ -103,12 +103,14 @@ def check_agents(snapshots: Sequence[Snapshot]) -> Finding:
         count = len(snapshot.get("clients", []))
         agents.append(f"pid {snapshot.get('pid')} with {count} board{'s' if count != 1 else ''}")
     if all(not snapshot.get("clients") for snapshot in snapshots):
+        running = "a uros agent runs" if len(snapshots) == 1 else "uros agents run"
         return note(
             "agents",
-            f"a uros agent runs, but no board is connected: {', '.join(agents)}",
+            f"{running}, but no board is connected: {', '.join(agents)}",
             "compare the board's agent address and port, or device and baud rate, with the agent's",
         )
-    return ok("agents", f"uros agents: {', '.join(agents)}")
+    alone = "to check one of them alone: uros doctor --agent PID" if len(snapshots) > 1 else ""
+    return ok("agents", f"uros agents: {', '.join(agents)}", alone)
 
 
 def check_middleware(snapshots: Sequence[Snapshot]) -> list[Finding]:

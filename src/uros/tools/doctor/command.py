@@ -280,7 +280,7 @@ class Doctor:
             if ends is not None:
                 found[domain] = ends
         if wanted and found:
-            self._found(graph.check_domains(found, boards, wanted))
+            self._found(graph.check_domains(found, boards, wanted, self._agents.domains()))
 
     def _graph(self, domain: int, boards: list[tuple[str, int]]) -> list[End] | None:
         """Check one domain; return the endpoints of its topics, or None if it cannot be joined."""

@@ -111,6 +111,7 @@ def check_domains(
     found: Mapping[int, Sequence[End]],
     boards: Sequence[tuple[str, int]],
     wanted: Sequence[int],
+    agents: Mapping[int, Collection[int]] | None = None,
 ) -> list[Finding]:
     """Find boards and endpoints that are in another domain than their peers.
 
@@ -118,8 +119,11 @@ def check_domains(
         found: The endpoints by domain.
         boards: The boards' nodes, each with its domain.
         wanted: The domains of the user's own nodes.
+        agents: The domains of the boards of each agent, by process id. With several agents a
+            domain may be that of other people: boards in it are then a note, not a problem.
     """
-    findings = []
+    several = agents if agents and len(agents) > 1 else {}
+    findings: list[Finding] = []
     reported: set[int] = set()
     names = {node for node, _ in boards}
     for publishing in found:
@@ -129,7 +133,10 @@ def check_domains(
             topics = _apart(found, publishing, subscribing)
             if topics:
                 reported |= {publishing, subscribing}
-                findings.append(_apart_finding(found, publishing, subscribing, topics, names))
+                finding = _apart_finding(found, publishing, subscribing, topics, names)
+                if several and not {publishing, subscribing} & set(wanted):
+                    finding = note(finding.check, finding.what, finding.fix)
+                findings.append(finding)
     for domain in dict.fromkeys(domain for _, domain in boards):
         if domain in wanted or domain in reported:
             continue
@@ -139,15 +146,26 @@ def check_domains(
             if len(nodes) > 1
             else f"the board's node {nodes[0]} is"
         )
-        findings.append(
-            problem(
-                "domain",
-                f"{subject} in domain {domain},"
-                f" and you look at domain {' and '.join(map(str, wanted))}",
-                f"export ROS_DOMAIN_ID={domain} where your ROS 2 nodes start, or start the agent"
-                f" with --domain {wanted[0]}",
-            )
+        what = (
+            f"{subject} in domain {domain}, and you look at domain {' and '.join(map(str, wanted))}"
         )
+        fix = (
+            f"export ROS_DOMAIN_ID={domain} where your ROS 2 nodes start, or start the agent with"
+            f" --domain {wanted[0]}"
+        )
+        if several:
+            pids = [str(pid) for pid, domains in several.items() if domain in domains]
+            who = f"agent {' and '.join(pids)}"
+            findings.append(
+                note(
+                    "domain",
+                    f"{what} ({who})",
+                    f"nothing to do if {who} is somebody else's; to check yours alone: uros doctor"
+                    f" --agent PID; else: {fix}",
+                )
+            )
+        else:
+            findings.append(problem("domain", what, fix))
     if findings:
         return findings
     if boards:
@@ -156,7 +174,7 @@ def check_domains(
     if where:
         return [ok("domain", f"no topic has its ends in different domains (nodes are in domain"
                    f" {' and '.join(map(str, sorted(where)))})")]  # fmt: skip
-    looked = " and ".join(map(str, sorted(found)))
+    looked = " or ".join(map(str, sorted(found)))
     return [
         note(
             "domain",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import errno
-import secrets
+import os
 import select
 import socket
 import struct
@@ -302,7 +302,7 @@ def comes_back(interface: Interface, port: int) -> bool:
     Raises:
         OSError: The datagram cannot be sent, or the group cannot be joined.
     """
-    token = b"uros doctor " + secrets.token_bytes(16)
+    token = b"uros doctor " + os.urandom(16)
     address = socket.inet_aton(interface.address)
     request = struct.pack("=4s4si", socket.inet_aton(GROUP), address, interface.index)
     with _receiver(port) as (receiver, port), _udp() as sender:

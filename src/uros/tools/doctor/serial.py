@@ -11,6 +11,7 @@ from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 from typing import Final, Protocol
 
+from ...agent.transports.line_faults import RATES, is_text
 from . import process
 from .finding import Finding, note, ok, problem, unknown, word
 
@@ -26,15 +27,8 @@ _PORTS: Final = (
     "/dev/cuaU*",
 )
 _BY_ID: Final = "/dev/serial/by-id"
-# Usual baud rates of boards, the likeliest first.
-RATES: Final = (
-    115200, 921600, 9600, 57600, 460800, 230400, 1000000, 2000000, 1500000, 500000, 38400, 19200,
-)  # fmt: skip
-# The least number of bytes to judge text by, and the most that are kept.
-_ENOUGH: Final = 12
+# The most bytes that are kept.
 _MOST: Final = 65536
-# The least percentage of printable octets in text; noise has about forty.
-_PRINTABLE: Final = 90
 # On a sound line at most one in so many frames is broken.
 _BROKEN: Final = 20
 
@@ -340,8 +334,7 @@ def judge(data: bytes) -> Heard:
         return Heard(SOUND, len(data), frames, deframer.crc_errors)
     if not data:
         return Heard(SILENCE)
-    printable = sum(32 <= octet < 127 or octet in b"\r\n\t\x1b" for octet in data)
-    if len(data) >= _ENOUGH and printable * 100 >= len(data) * _PRINTABLE:
+    if is_text(data):
         last = data.decode("ascii", "replace").split("\n")
         whole = [line.strip() for line in last if line.strip()]
         return Heard(TEXT, len(data), 0, 0, max(whole, key=len, default="")[:60])

@@ -75,13 +75,24 @@ class Agents:
 
     def nodes(self) -> list[tuple[str, int]]:
         """Return the full names of the boards' nodes, each with its domain."""
-        return [
-            (str(node.get("name")), int(node.get("domain", 0)))
+        return [node for snapshot in self.now for node in _nodes(snapshot)]
+
+    def domains(self) -> dict[int, set[int]]:
+        """Return the domains of the boards of each agent, by its process id."""
+        return {
+            snapshot.get("pid", 0): {domain for _, domain in _nodes(snapshot)}
             for snapshot in self.now
-            if snapshot.get("middleware") not in ("memory", "ced")
-            for client in snapshot.get("clients", [])
-            for node in client.get("nodes", [])
-        ]
+        }
+
+
+def _nodes(snapshot: Snapshot) -> list[tuple[str, int]]:
+    if snapshot.get("middleware") in ("memory", "ced"):
+        return []
+    return [
+        (str(node.get("name")), int(node.get("domain", 0)))
+        for client in snapshot.get("clients", [])
+        for node in client.get("nodes", [])
+    ]
 
 
 def _find() -> list[Any]:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 import sys
 
-from ..common import add_common, discover, hint_if_alone, join
+from ..common import add_common, discover, join
+from ..empty import explain_empty_list
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,7 +28,7 @@ def run(args: argparse.Namespace) -> int:
         if not args.all:
             nodes = [name for name in nodes if not name.rpartition("/")[2].startswith("_")]
         if not nodes:
-            hint_if_alone(network)
+            explain_empty_list(network)
     if args.count_nodes:
         print(len(nodes))
         return 0

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterable
 
-from ..common import add_common, hint_if_alone, join
+from ..common import add_common, join
+from ..empty import explain_empty_list
+from ..errors import did_you_mean
+from ..waiting import warn
 from .list import add_hidden, services
 
 
@@ -20,6 +24,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def _check_type(wanted: str, listed: Iterable[tuple[str, list[str]]]) -> None:
+    """Warn about a type that no service has, and that is not known either."""
+    from ...interfaces import registry
+
+    if not registry.exists(wanted):
+        present = {name for _, types in listed for name in types}
+        close = did_you_mean(wanted, [*present, *registry.list_types()])
+        warn(f"no definition of the type {wanted} is known{close}")
+
+
 def run(args: argparse.Namespace) -> int:
     """Print the services of a type."""
     package, _, name = args.type.partition("/")
@@ -28,7 +42,8 @@ def run(args: argparse.Namespace) -> int:
         listed = services(network, args).items()
         matches = [service for service, types in listed if wanted in types]
         if not matches:
-            hint_if_alone(network)
+            explain_empty_list(network)
+            _check_type(wanted, listed)
     if args.count_services:
         print(len(matches))
     else:

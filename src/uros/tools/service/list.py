@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from ..common import add_common, discover, hint_if_alone, join
+from ..common import add_common, discover, join
+from ..empty import explain_empty_list
 
 if TYPE_CHECKING:
     from ...host.graph_queries import NamesAndTypes
@@ -48,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
     with join(args) as network:
         found = services(network, args)
         if not found:
-            hint_if_alone(network)
+            explain_empty_list(network)
     if args.count_services:
         print(len(found))
         return 0

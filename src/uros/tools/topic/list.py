@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from ..common import add_common, discover, hint_if_alone, join
+from ..common import add_common, discover, join
+from ..empty import explain_empty_list
 
 if TYPE_CHECKING:
     from ...host.graph_queries import Graph, NamesAndTypes
@@ -49,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
             for name, types in topics.items():
                 print(f"{name} [{', '.join(types)}]" if args.show_types else name)
         if not topics:
-            hint_if_alone(network)
+            explain_empty_list(network)
     return 0
 
 

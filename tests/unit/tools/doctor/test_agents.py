@@ -204,6 +204,8 @@ def test_which_agents_run():
     assert one.state == "note" and "no board is connected" in one.what
     one = check_agents([snapshot(A, B), snapshot(pid=8)])
     assert one.state == "ok" and "pid 7 with 2 boards, pid 8 with 0 boards" in one.what
+    assert one.fix == "to check one of them alone: uros doctor --agent PID"
+    assert check_agents([snapshot(A)]).fix == ""
 
 
 def test_keys_that_are_all_different():

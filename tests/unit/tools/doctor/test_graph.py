@@ -354,6 +354,28 @@ def test_a_board_in_a_domain_that_is_not_checked():
     assert one.state == "ok"
 
 
+def test_boards_of_other_agents_in_other_domains_are_no_problem():
+    found = {
+        0: [],
+        5: [End("/t", "T", "/b", True)],
+        6: [End("/t", "T", "/c", False)],
+        7: [End("/u", "T", "/d", True)],
+    }
+    boards = [("/b", 5), ("/c", 6), ("/d", 7)]
+    agents = {41: set(), 42: {5, 6, 7}}
+    findings = check_domains(found, boards, [0], agents)
+    assert [one.state for one in findings] == ["note", "note"]
+    assert "/b in domain 5 publishes /t" in findings[0].what
+    assert findings[1].what.endswith("/d is in domain 7, and you look at domain 0 (agent 42)")
+    assert "check yours alone: uros doctor --agent PID" in findings[1].fix
+    # With one agent, or with --agent, the user is looking at these boards.
+    only = check_domains(found, boards, [0], {42: {5, 6, 7}})
+    assert [one.state for one in only] == ["problem", "problem"]
+    # A topic of the user's own domain is a problem however many agents there are.
+    found[0] = [End("/t", "T", "/mine", False)]
+    assert "problem" in [one.state for one in check_domains(found, boards, [0], agents)]
+
+
 def test_empty_domains():
     (one,) = check_domains({0: [], 3: []}, [], [3])
     assert one.state == "note" and "uros doctor --domain N" in one.fix

@@ -15,10 +15,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.portable import framed
 
+from uros.agent.transports.line_faults import RATES
 from uros.agent.transports.terminal import open_device
 from uros.tools.doctor import process as doctor_process
 from uros.tools.doctor import serial
-from uros.tools.doctor.serial import NOISE, RATES, SILENCE, SOUND, TEXT, check_device, check_line
+from uros.tools.doctor.serial import NOISE, SILENCE, SOUND, TEXT, check_device, check_line
 
 
 @pytest.fixture
