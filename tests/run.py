@@ -20,7 +20,7 @@ import threading
 import time
 import xml.etree.ElementTree as ET
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TextIO
@@ -30,17 +30,18 @@ sys.path.insert(0, str(ROOT / "scripts"))
 
 import env  # noqa: E402  (scripts/env.py, found by the line above)
 
-GROUPS = ("unit", "contract", "replay", "interop", "boards", "mpy", "soak")
+GROUPS = ("unit", "contract", "replay", "interop", "boards", "mpy", "soak", "docs")
 # Lanes run in parallel, the groups of a lane one after the other. Most groups wait more than they
 # compute, so four lanes keep two cores busy. The output of the first lane is shown at once, that of
 # the others when all have ended.
-LANES = (("unit", "replay"), ("mpy", "contract"), ("interop",), ("boards", "soak"))
+LANES = (("unit", "replay"), ("mpy", "contract"), ("interop",), ("boards", "soak", "docs"))
 # The largest group has two processes, with whole files each.
 WORKERS = {"unit": ("-n", "2", "--dist", "loadfile")}
 PREPARE = {
     "interop": (env.micropython, env.ros, env.ddsperf),
     "boards": (env.micropython, env.ros),
     "mpy": (env.micropython,),
+    "docs": (env.micropython,),
 }
 PREPARING = threading.Lock()  # groups of several lanes need the same environment
 NEED_ROS = ("interop", "boards")
@@ -197,6 +198,10 @@ def main() -> int:
             by_group[group] = run_group(group, options.full, output)
             if output:
                 print(f"\n--- {by_group[group].line()}", flush=True)
+
+    if "docs" in chosen:
+        with suppress(env.Unavailable):  # tests/docs/test_site.py reports it
+            env.docs()  # before the lanes: pip must not change .venv while tests run
 
     with ExitStack() as stack:
         outputs = [

@@ -24,7 +24,7 @@ from uros.tools.agent import command
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [
-    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")),
+    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md")),
     *sorted((ROOT / "docs").rglob("*.md")),
     *sorted((ROOT / "firmware").rglob("*.md")),
 ]
@@ -172,6 +172,44 @@ def test_every_page_is_named_in_the_readme():
     assert not [name for name in sorted(names) if name not in text]
 
 
+def test_the_site_names_every_page_exactly_once():
+    """`nav` in mkdocs.yml: a page that it lacks is not on the documentation site."""
+    nav = (ROOT / "mkdocs.yml").read_text("utf-8").partition("\nnav:\n")[2]
+    named = sorted(re.findall(r"^ +- (?:[^:\n]+: )?([\w/-]+\.md)$", nav, re.M))
+    docs = ROOT / "docs"
+    pages = {str(page.relative_to(docs)) for page in docs.rglob("*.md")}
+    assert named == sorted(pages | {"CHANGELOG.md", "CONTRIBUTING.md"})
+
+
+# Modules of which programs use no names: helpers of the modules beside them.
+INTERNAL = {
+    "uros.client.dynamic_messages",
+    "uros.client.parameter_services",
+    "uros.client.protocols",
+    "uros.drivers.sampled",
+    "uros.host.background",
+    "uros.host.direct",
+    "uros.host.interrupt",
+    "uros.host.matching",
+    "uros.host.no_agent",
+    "uros.transport.at_modem",
+}
+
+
+def test_every_public_module_of_the_client_is_on_a_page_of_the_api():
+    pages = "".join(page.read_text("utf-8") for page in (ROOT / "docs" / "api").glob("*.md"))
+    named = {name.rpartition(".")[0] for name in re.findall(r"^::: ([\w.]+)$", pages, re.M)}
+    modules = {
+        f"uros.{package}.{file.stem}"
+        for package in ("client", "transport", "drivers", "host")
+        for file in (ROOT / "src" / "uros" / package).glob("*.py")
+        if file.stem != "__init__"
+    }
+    missing = sorted(modules - named - INTERNAL)
+    assert not missing, f"a page of docs/api needs '::: {missing[0]}.NAME'"
+    assert not named & INTERNAL and modules >= INTERNAL
+
+
 def test_every_page_of_the_design_is_in_its_index():
     linked = set(re.findall(r"\]\((\w+\.md)\)", HOUSE.read_text("utf-8")))
     assert linked == {page.name for page in HOUSE.parent.glob("*.md")} - {"README.md"}
@@ -209,6 +247,25 @@ def test_the_import_rules_on_the_page_are_those_that_are_tested():
         allowed[room] -= {"boards", "tools"}
     wanted = {room: may - {"boards", "tools"} for room, may in ALLOWED.items()}
     assert allowed == wanted
+
+
+def test_the_heap_on_the_pages_is_what_its_tests_allow():
+    limits = (ROOT / "tests" / "mpy" / "test_memory.py").read_text("utf-8")
+
+    def kilobytes(pattern):
+        return f"{int(re.search(pattern + r'([0-9_]+)', limits)[1]) / 1000:g} kB"
+
+    core, running = kilobytes(r'\("core", "mpy"\): '), kilobytes(r"\nRUNNING = ")
+    int32, imu = kilobytes(r'"Int32", '), kilobytes(r'"Imu", ')
+    page = CLIENT.read_text("utf-8")
+    assert f"the client in less than {core} of heap" in page
+    assert f"Int32 in less than {int32}, Imu with all it needs in less than {imu}" in page
+    assert f"the EK-RA6M5's node in less than {running}" in page
+    virtual = (ROOT / "docs" / "virtual_boards.md").read_text("utf-8").replace("\n  ", " ")
+    assert f"takes less than {running} as bytecode" in virtual
+    stated = {limit: value for limit, value, _ in table(NUMBERS, "what", "value", "where")}
+    highest = kilobytes(r"\nHIGH_WATER = ")
+    assert stated["a board's heap"] == f"core {core}, RA6M5 node {running}, highest {highest}"
 
 
 def test_the_numbers_on_the_page_are_those_of_the_sources():
@@ -269,7 +326,8 @@ def test_every_path_that_a_page_names_exists(page):
     text = page.read_text("utf-8")
     text = re.sub(r"^```.*?^```$", "", text, flags=re.M | re.S)
     folders = {path.name for place in (ROOT, source) for path in place.iterdir() if path.is_dir()}
-    paths = {path for path in re.findall(r"`([\w./-]+)`", text) if "/" in path}
+    folders.discard("build")  # made by commands
+    paths = {path for path in re.findall(r"`([\w.][\w./-]*)`", text) if "/" in path}
     paths = {path for path in paths if not re.search(r"/[A-Z]+(/|$)", path)}
     paths = {
         path for path in paths if re.search(r"\.(py|toml)$", path) or path.split("/")[0] in folders
@@ -506,7 +564,8 @@ def test_the_metrics_on_the_page_are_those_of_the_agent():
             stem = stem if name.startswith("…") else re.match(r"uros_[a-z]+_|", name).group()
             listed.append(name.replace("…_", stem))
     wanted = {"uros_agent_info", "uros_agent_uptime_seconds", "uros_clients",
-              "uros_refused_clients", "uros_client_info", "uros_client_silence_seconds",
+              "uros_refused_clients", "uros_refusals_total", "uros_client_info",
+              "uros_client_silence_seconds",
               "uros_transport_connections"}  # fmt: skip
     clients = prometheus._CLIENT
     wanted |= {f"uros_client_{name}{'_total' * counts}" for name, _, counts, _ in clients}
@@ -643,3 +702,72 @@ def test_the_names_of_code_on_the_page_of_where_to_add_exist():
     names = set(re.findall(r"`(_?[A-Z][A-Za-z_]+)`", page))
     missing = [name for name in sorted(names) if not re.search(rf"\b{name}\b", source)]
     assert len(names) > 10 and not missing, f"no such name in src: {', '.join(missing)}"
+
+
+# --- the configuration file -----------------------------------------------------------------------
+
+PRODUCTION = ROOT / "docs" / "production.md"
+
+
+def test_the_keys_on_the_page_are_those_of_the_configuration_file():
+    from uros.tools.agent.config.schema import tables as tables_of_config
+
+    listed = {
+        re.fullmatch(r"`\[(\w+)\]`", name)[1]: re.findall(r"`(\w+)`", keys)
+        for name, keys in table(PRODUCTION, "table", "keys")
+    }
+    known = tables_of_config(command._GROUPS)
+    assert listed == {name: list(keys) for name, keys in known.items()}
+
+
+def test_the_configuration_on_the_page_is_good(tmp_path, capsys):
+    from support.certificates import Authority
+
+    text = re.findall(r"^```toml\n(.+?)^```$", PRODUCTION.read_text("utf-8"), re.M | re.S)[0]
+    authority = Authority(tmp_path)
+    authority.agent()
+    authority.revoke()
+    path = tmp_path / "agent.toml"
+    path.write_text(text.replace("/var/lib/uros", str(tmp_path)))
+    status = cli.main(["agent", "check", str(path)])
+    lines = capsys.readouterr().out.splitlines()
+    # Other programs of this machine may have its ports.
+    serious = [line for line in lines[:-1] if "in use" not in line and "ends on" not in line]
+    assert (status, serious) == (0, []), lines
+
+
+def test_the_commands_of_the_page_revoke_the_certificate_of_a_board(certified):
+    from uros.agent.transports.certificates import Certificates
+
+    (commands,) = re.findall(
+        r"^\*\*Revocation\..+?^```text\n(.+?)^```$", SECURITY.read_text("utf-8"), re.M | re.S
+    )
+    subprocess.run(["sh", "-ec", commands], cwd=certified, check=True, capture_output=True)
+    names = ("agent.pem", "agent.key", "ca.pem", "crl.pem")
+    files = Certificates(*(str(certified / name) for name in names))
+    assert len(files.doubts(0.0)) == 2  # nothing was valid in 1970 except the list
+
+    def is_revoked(name):
+        pem = (certified / f"{name}.pem").read_text()
+        return files.is_revoked(ssl.PEM_cert_to_DER_cert(pem))
+
+    assert is_revoked("left") and not is_revoked("agent")
+
+
+def test_the_figures_on_the_page_are_those_of_the_page_about_performance():
+    text = (ROOT / "docs" / "performance.md").read_text("utf-8")
+    page = PRODUCTION.read_text("utf-8").partition("\n## Sizing\n")[2]
+    figures = re.findall(r"\d+(?:\.\d+)? (?:MB|kB|core|ms|µs)(?= \||,)", page)
+    assert len(figures) >= 9
+    assert not [figure for figure in figures if figure not in text]
+    assert "31 kB | 27 kB | 26 kB" in text
+
+
+def test_the_sizes_of_files_on_the_page_are_those_of_the_sources():
+    from uros.agent.persistence import journal
+    from uros.tools.agent.options import audit, capture
+
+    sizes = dict(table(PRODUCTION, "file", "size"))
+    assert sizes["state"] == f"0.5 MB, and a journal of at most {journal.MAX_JOURNAL >> 20} MB"
+    assert sizes["capture"].startswith(f"two files of {capture.DEFAULT_SIZE} MB")
+    assert sizes["audit"].startswith(f"two files of {audit.DEFAULT_SIZE} MB")

@@ -105,7 +105,19 @@ FULL = {
     },
     "boards": set(),
     "boards/virtual": set(),
-    "tools": {"cli", "common", "demo", "errors", "fleet", "pages", "waiting"},
+    "tools": {
+        "cli",
+        "common",
+        "demo",
+        "empty",
+        "ending",
+        "errors",
+        "fleet",
+        "pages",
+        "parser",
+        "progress",
+        "waiting",
+    },
 }
 # Tests that pytest does not collect by their name, and the test of the same folder that runs them.
 RUN_BY_A_TEST = {"tests/interop/rclpy_middleware.py": "tests/interop/test_ros2_middleware.py"}
@@ -120,8 +132,8 @@ SYSTEM = {
     "uuid": (),
     "socket": ("transports", "observability.prometheus", "observability.status_socket"),
     "os": (
-        "log", "observability.capture", "observability.snapshot", "observability.status_socket",
-        "persistence.journal", "transports", "watchdog",
+        "log", "observability.audit", "observability.capture", "observability.snapshot",
+        "observability.status_socket", "persistence.journal", "transports", "watchdog",
     ),
 }  # fmt: skip
 # Names that no variable may have.
@@ -377,9 +389,9 @@ def test_importing_uros_and_its_help_load_nothing_heavy() -> None:
 
 LATE = (
     "persistence.session_store", "persistence.restore", "persistence.journal",
-    "observability.capture", "observability.pcapng", "observability.prometheus",
-    "observability.format", "observability.diagnostics", "observability.diagnostic_array",
-    "observability.health",
+    "observability.audit", "observability.capture", "observability.pcapng",
+    "observability.prometheus", "observability.format", "observability.diagnostics",
+    "observability.diagnostic_array", "observability.health",
 )  # fmt: skip
 
 
