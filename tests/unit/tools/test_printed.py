@@ -201,14 +201,14 @@ def service_call(output, hostile, monkeypatch):
     output("service", "call", "/add", *hostile, status=1)
     output("service", "call", "/add", "std_srvs/srv/Trigger", *hostile, status=1)
     # a service whose response has the hostile text
-    answer = to_cdr(load("std_srvs/srv/Trigger").Response(message=HOSTILE))
-    line = SimpleNamespace(
-        requester=SimpleNamespace(request=lambda request: 1), close=lambda: None, wait=None
-    )
+    answer = load("std_srvs/srv/Trigger").Response(message=HOSTILE)
+    client = SimpleNamespace(
+        match=lambda seconds: None, request=lambda message: 1, close=lambda: None,
+        answer=lambda number, seconds: answer,
+    )  # fmt: skip
     served = SimpleNamespace(type_name="std_srvs::srv::dds_::Trigger_Request_")
-    monkeypatch.setattr(service_call, "_find", lambda *_: [served])
-    monkeypatch.setattr(service_call, "_open", lambda *_: line)
-    monkeypatch.setattr(service_call, "_answer", lambda *_: answer)
+    monkeypatch.setattr(service_call, "find_servers", lambda *_: [served])
+    monkeypatch.setattr(service_call, "ServiceClient", lambda *_: client)
     output("service", "call", "/x", "std_srvs/srv/Trigger", *hostile, status=0)
 
 
