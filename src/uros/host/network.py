@@ -27,9 +27,14 @@ from .interrupt import Interrupt
 
 DISCOVERY_SECONDS: Final = 4.0
 # Seconds without changes after which the graph is complete.
-_QUIET: Final = 0.25
-# The same while there is no other participant, or one without endpoints, because a Fast DDS
-# participant announces them again a second after discovery if the first announcement was lost.
+_QUIET: Final = 0.2
+# The least seconds after joining: participants that are busy answer late.
+_SOONEST: Final = 0.3
+# The same while there is no other participant: we repeat our announcement after 0.1, 0.2 and
+# 0.5 s, since multicast may be lost, and wait for the answers to the last of these.
+_ALONE: Final = 0.6
+# Seconds without changes while a participant has no endpoints, because Fast DDS announces them
+# again a second after discovery if the first announcement was lost.
 _SLOW: Final = 1.25
 # Seconds without changes after which missing discovery info is read again.
 _ASK_AGAIN: Final = 0.1
@@ -46,6 +51,20 @@ class Received(NamedTuple):
     cdr: bytes
     source_ns: int
     received_ns: int
+
+
+def complete_at(joined_at: float, changed_at: float, alone: bool, silent: bool) -> float:
+    """Return when the graph is complete unless something changes before.
+
+    Args:
+        joined_at: When the domain was joined, in seconds.
+        changed_at: When the graph changed last, in seconds.
+        alone: Whether there is no other participant.
+        silent: Whether a participant has no endpoints.
+    """
+    if alone:
+        return max(joined_at + _ALONE, changed_at + _QUIET)
+    return max(joined_at + _SOONEST, changed_at + (_SLOW if silent else _QUIET))
 
 
 class Network:
@@ -71,7 +90,7 @@ class Network:
         self._unread: dict[Callable[[], None], None] = {}
         try:
             self.node = opened.create_node(domain, "/", f"_uros_{os.getpid()}")
-            self._changed_at = time.monotonic()
+            self._joined_at = self._changed_at = time.monotonic()
             discovery = opened.graph(domain, self._on_change, paced=False)
             if discovery is None:
                 raise MiddlewareError(f"the {middleware} middleware does not know its graph")
@@ -191,8 +210,12 @@ class Network:
             elif not (
                 without_discovery_info(self._discovery) or undiscovered_endpoints(self._discovery)
             ):
-                slow = self.alone or without_endpoints(self._discovery)
-                check_at = self._changed_at + (_SLOW if slow else _QUIET)
+                check_at = complete_at(
+                    self._joined_at,
+                    self._changed_at,
+                    self.alone,
+                    bool(without_endpoints(self._discovery)),
+                )
                 if now >= check_at:
                     return
             self._wait_for_change(min(check_at, end) - now)

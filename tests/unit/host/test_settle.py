@@ -5,7 +5,7 @@ from contextlib import contextmanager
 import pytest
 
 from uros.host.direct import Direct
-from uros.host.network import Network
+from uros.host.network import Network, complete_at
 from uros.middleware import open_middleware
 from uros.middleware.base import Service
 from uros.middleware.dds import cyclone
@@ -106,3 +106,18 @@ def test_the_nodes_of_a_participant_leave_with_it(network, other):
     cyclone.delete(other)
     assert network.spin(lambda: network.alone, 10)
     assert "/other" not in network.graph.nodes()
+
+
+@pytest.mark.parametrize(
+    "changed_at, alone, silent, at",
+    [
+        (0.0, True, False, 0.6),  # our announcements were repeated, and nobody answered
+        (0.5, True, False, 0.7),
+        (0.05, False, False, 0.3),  # others may be slow to answer
+        (0.4, False, False, 0.6),
+        (0.4, False, True, 1.65),  # Fast DDS repeats the announcement of its endpoints
+    ],
+)
+def test_when_a_listing_ends(changed_at, alone, silent, at):
+    """0.2 s after the last change, and not before 0.3 s."""
+    assert complete_at(10.0, 10.0 + changed_at, alone, silent) == pytest.approx(10.0 + at)
