@@ -1,5 +1,6 @@
 """``uros topic`` and ``uros node``, as processes, with the topics of a real rclpy node."""
 
+import json
 import os
 import signal
 import subprocess
@@ -181,6 +182,25 @@ def test_topic_info_of_a_missing_topic(uros, domain):
     )
 
 
+def test_listings_as_json(uros):
+    """What the text has, and types, counts and QoS beside it."""
+    topics = {entry["name"]: entry for entry in json.loads(uros("topic", "list", "--json"))}
+    assert list(topics) == uros("topic", "list").splitlines()
+    assert topics["/chatter"] == {
+        "name": "/chatter", "types": ["std_msgs/msg/String"], "publishers": 1, "subscriptions": 0,
+    }  # fmt: skip
+    (publisher,) = json.loads(uros("topic", "info", "/latched", "--json"))["publishers"]
+    assert publisher["node_name"] == "talker" and publisher["type_hash"] == STRING_HASH
+    assert publisher["qos"]["durability"] == "TRANSIENT_LOCAL"
+    assert json.loads(uros("node", "list", "--json")) == [{"name": "/lab/talker"}]
+    node = json.loads(uros("node", "info", "/lab/talker", "--json"))
+    assert node["subscribers"] == [{"name": "/heard", "types": ["std_msgs/msg/String"]}]
+    assert node["service_clients"] == [{"name": "/elsewhere", "types": ["std_srvs/srv/Trigger"]}]
+    services = json.loads(uros("service", "list", "--json"))
+    assert {"name": "/lab/go", "types": ["std_srvs/srv/Trigger"]} in services
+    assert json.loads(uros("service", "find", "std_srvs/srv/Trigger", "--json", "-c")) == 2
+
+
 # --- topic echo -------------------------------------------------------------------
 
 
@@ -244,8 +264,6 @@ def test_echo_with_another_type(uros):
 
 
 def test_yaml_is_that_of_pyyaml(ros_python):
-    import json
-
     from uros.tools.values.yaml_text import dump
 
     strings = [

@@ -113,6 +113,7 @@ FULL = {
         "ending",
         "errors",
         "fleet",
+        "listing",
         "pages",
         "parser",
         "progress",

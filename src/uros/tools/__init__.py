@@ -10,6 +10,7 @@
                interrupted
 ``errors``     Errors that end a command with one line for the user instead of a traceback
 ``fleet``      ``uros fleet``: run the virtual boards that a file lists, and one agent for them
+``listing``    Listings and infos as JSON
 ``pages``      Options and opening of the page, for the verbs with a page in a browser
 ``parser``     The parser of every command, whose errors are one line with the choice meant
 ``progress``   The progress of a command that takes seconds, on standard error

@@ -38,10 +38,17 @@ class Verb(NamedTuple):
 
 
 class Group(NamedTuple):
-    """A command that has commands of its own."""
+    """A command that has commands of its own.
+
+    Attributes:
+        help: What its commands do.
+        members: The commands by name.
+        option: An option of some commands that is accepted before their name too.
+    """
 
     help: str
     members: Mapping[str, Verb | Group]
+    option: str = ""
 
 
 _AGENT: Final = Verb("serve micro-ROS boards", "agent.command", ros_args=True)
@@ -59,6 +66,7 @@ _ROOT: Final = Group(
                 "hz": Verb("print the average publishing rate of topics", "topic.hz"),
                 "pub": Verb("publish messages to a topic", "topic.pub"),
             },
+            "--include-hidden-topics",
         ),
         "node": Group(
             "list nodes and print information about them",
@@ -86,6 +94,7 @@ _ROOT: Final = Group(
                 "find": Verb("list services of a type", "service.find"),
                 "call": Verb("call a service", "service.call"),
             },
+            "--include-hidden-services",
         ),
         "run": Verb("run an example node of uros", "run.command"),
         "interface": Group(
@@ -150,11 +159,14 @@ def agent_main(argv: list[str] | None = None) -> int:
 
 
 def _run_group(prog: str, group: Group, argv: list[str]) -> int:
+    option = group.option if group.option and argv[:1] == [group.option] else ""
+    if option:
+        argv = argv[1:]
     if argv and argv[0] in group.members:
         name, rest = argv[0], argv[1:]
         member = group.members[name]
         if isinstance(member, Verb):
-            return _run_verb(f"{prog} {name}", member, rest)
+            return _run_verb(f"{prog} {name}", member, rest, option)
         return _run_group(f"{prog} {name}", member, rest)
     width = max(map(len, group.members)) + 2
     parser = Parser(
@@ -173,6 +185,10 @@ def _run_group(prog: str, group: Group, argv: list[str]) -> int:
     )
     if group is _ROOT:
         parser.add_argument("--version", action="version", version=f"uros {__version__}")
+    if group.option:
+        parser.add_argument(
+            group.option, action="store_true", help="for the commands that have this option"
+        )
     if argv and not argv[0].startswith("-"):
         from .errors import did_you_mean
 
@@ -197,10 +213,13 @@ def _elsewhere(group: Group, name: str) -> str:
     return f"; boards are ordinary nodes for '{' '.join(['ros2', *path.split(), name])}' of ROS 2"
 
 
-def _run_verb(prog: str, verb: Verb, argv: list[str]) -> int:
+def _run_verb(prog: str, verb: Verb, argv: list[str], option: str = "") -> int:
+    """Run a verb; ``option`` was given before its name, and counts if the verb has it."""
     module = import_module(f"uros.tools.{verb.module}")
     parser = Parser(prog=prog, description=verb.help)
     module.add_arguments(parser)
+    if option and parser.has(option):
+        argv = [option, *argv]
     args = parser.parse_args(without_ros_args(argv) if verb.ros_args else argv)
     status: int = module.run(args)
     return status

@@ -33,6 +33,10 @@ class Parser(argparse.ArgumentParser):
         self.refuse(unknown)
         return parsed
 
+    def has(self, option: str) -> bool:
+        """Return whether there is an option of this name."""
+        return any(option in action.option_strings for action in self._actions)
+
     def refuse(self, unknown: Sequence[str]) -> None:
         """Exit with an error unless the list of unknown arguments is empty."""
         if unknown:

@@ -136,13 +136,14 @@ def evil_string():
 
 
 def topic_list(output, hostile):
+    output("topic", "list", "--include-hidden-topics", "--json", *hostile, status=0)
     for options in ([], ["-t"], ["-v"]):
         lines = output("topic", "list", "--include-hidden-topics", *hostile, *options, status=0)
         assert any(printable(NAME) in line for line in lines)
 
 
 def topic_info(output, hostile):
-    for options in ([], ["-v"]):
+    for options in ([], ["-v"], ["--json"]):
         output("topic", "info", "/typed", *hostile, *options, status=0)
     output("topic", "info", "/mixt", *hostile, status=1)
 
@@ -182,7 +183,8 @@ def node_info(output, hostile):
 
 
 def service_list(output, hostile):
-    output("service", "list", "-t", *hostile, status=0)
+    for option in ("-t", "--json"):
+        output("service", "list", option, *hostile, status=0)
 
 
 def service_type(output, hostile):

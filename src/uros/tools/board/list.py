@@ -3,8 +3,14 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 from ..errors import ToolError, did_you_mean
+from ..listing import add_json, print_json
+
+if TYPE_CHECKING:
+    from ...boards.virtual.hardware.board import Happening
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -17,6 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--ports", action="store_true",
         help="list real boards: the MicroPython of each, and why some cannot run uros",
     )  # fmt: skip
+    add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -28,7 +35,15 @@ def run(args: argparse.Namespace) -> int:
     from ...boards.virtual.models.catalog import BOARDS
 
     if args.ports:
-        _print_ports()
+        _print_ports(args.json)
+        return 0
+    if args.board is None and args.json:
+        print_json(
+            [
+                {"name": spec.name, "mcu": spec.mcu, "text": spec.text, "ports": spec.ports}
+                for spec in BOARDS.values()
+            ]
+        )
         return 0
     if args.board is None:
         width = max(map(len, BOARDS))
@@ -42,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
         print("'uros board run NAME' runs one, 'uros board list NAME' has its actions and faults.")
         return 0
     check_name(args.board)
-    _describe(args.board)
+    _describe(args.board, args.json)
     return 0
 
 
@@ -66,7 +81,7 @@ def check_name(name: str) -> None:
         raise ToolError(f"there is no board {name!r}{close}")
 
 
-def _describe(name: str) -> None:
+def _describe(name: str, as_json: bool) -> None:
     from ...boards.virtual.engine.runner import firmware_folder
     from ...boards.virtual.hardware.board import VirtualBoard
     from ...boards.virtual.models.catalog import BoardError, find
@@ -78,13 +93,22 @@ def _describe(name: str) -> None:
             folder = str(firmware_folder(spec))
         except BoardError:
             folder = f"{spec.firmware} (not installed)"
+        acts, faults = board.acts(), board.faults()
+        pins = [f"{pin.name} {pin.function}" for pin in board.pins.values() if pin.function]
+        if as_json:
+            print_json(
+                {
+                    "name": name, "mcu": spec.mcu, "text": spec.text, "firmware": folder,
+                    "ports": spec.ports, "pins": pins,
+                    "actions": _happenings(acts), "faults": _happenings(faults),
+                }
+            )  # fmt: skip
+            return
         print(f"{spec.name}: {spec.text}\n")
         print(f"MCU       {spec.mcu}")
         print(f"firmware  {folder}")
         print(f"ports     MicroPython for {', '.join(spec.ports)}")
-        pins = [f"{pin.name} {pin.function}" for pin in board.pins.values() if pin.function]
         print(f"pins      {', '.join(pins)}")
-        acts, faults = board.acts(), board.faults()
         width = max(len(happening.spec) for happening in (*acts, *faults))
         print("\nActions, typed while it runs or given with --fault:")
         for act in acts:
@@ -97,10 +121,19 @@ def _describe(name: str) -> None:
         board.close()
 
 
-def _print_ports() -> None:
+def _happenings(some: Iterable[Happening]) -> list[dict[str, str]]:
+    return [{"name": happening.spec, "text": happening.text} for happening in some]
+
+
+def _print_ports(as_json: bool) -> None:
     """Print a table of real boards."""
     from ...boards.deploy.known_boards import NAMED
 
+    if as_json:
+        from dataclasses import asdict
+
+        print_json([asdict(board) for board in NAMED.values()])
+        return
     rows = [("BOARD", "MCU", "RAM", "MICROPYTHON", "WHICH IS")]
     rows += [
         (

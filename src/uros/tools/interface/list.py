@@ -6,6 +6,7 @@ import argparse
 from typing import Final
 
 from ..common import add_interfaces, know_interfaces
+from ..listing import add_json, print_json
 
 _TITLES: Final = {"msg": "Messages:", "srv": "Services:", "action": "Actions:"}
 
@@ -14,6 +15,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of ``uros interface list``."""
     add_kinds(parser)
     add_interfaces(parser)
+    add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -22,6 +24,9 @@ def run(args: argparse.Namespace) -> int:
 
     know_interfaces(args)
     names = list_types()
+    if args.json:
+        print_json([name for name in names if name.split("/")[1] in kinds(args)])
+        return 0
     for kind in kinds(args):
         print(_TITLES[kind])
         for name in names:

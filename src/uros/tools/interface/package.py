@@ -6,12 +6,14 @@ import argparse
 
 from ..common import add_interfaces, know_interfaces
 from ..errors import ToolError, did_you_mean
+from ..listing import add_json, print_json
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of ``uros interface package``."""
     parser.add_argument("package", metavar="PACKAGE", help="name of a package, such as std_msgs")
     add_interfaces(parser)
+    add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -21,7 +23,11 @@ def run(args: argparse.Namespace) -> int:
         ToolError: The package is unknown.
     """
     know_interfaces(args)
-    for name in types_of(args.package):
+    types = types_of(args.package)
+    if args.json:
+        print_json(types)
+        return 0
+    for name in types:
         print(name)
     return 0
 

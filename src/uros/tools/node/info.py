@@ -7,6 +7,7 @@ import sys
 
 from ..common import add_common, discover, join, remedy
 from ..errors import ToolError
+from ..listing import add_json, entries, print_json
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -18,6 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="print hidden topics, services and actions too, which have a part that begins with _",
     )
+    add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -40,20 +42,28 @@ def run(args: argparse.Namespace) -> int:
             f"WARNING: {nodes.count(name)} nodes have the name {name!r}; this is one of them",
             file=sys.stderr,
         )
+    sections = {
+        title: {
+            of: types
+            for of, types in belongings.items()
+            if args.include_hidden or not names.is_hidden(of)
+        }
+        for title, belongings in (
+            ("Subscribers", info.subscribers),
+            ("Publishers", info.publishers),
+            ("Service Servers", info.service_servers),
+            ("Service Clients", info.service_clients),
+            ("Action Servers", info.action_servers),
+            ("Action Clients", info.action_clients),
+        )
+    }
+    if args.json:
+        keys = {title.lower().replace(" ", "_"): entries(of) for title, of in sections.items()}
+        print_json({"name": name, **keys})
+        return 0
     print(name)
-    for title, belongings in (
-        ("Subscribers", info.subscribers),
-        ("Publishers", info.publishers),
-        ("Service Servers", info.service_servers),
-        ("Service Clients", info.service_clients),
-        ("Action Servers", info.action_servers),
-        ("Action Clients", info.action_clients),
-    ):
+    for title, belongings in sections.items():
         print(f"  {title}:")
-        lines = [
-            f"    {name}: {', '.join(types)}"
-            for name, types in belongings.items()
-            if args.include_hidden or not names.is_hidden(name)
-        ]
+        lines = [f"    {of}: {', '.join(types)}" for of, types in belongings.items()]
         print("\n".join(lines))  # an empty section is an empty line, as in ros2
     return 0

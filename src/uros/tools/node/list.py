@@ -7,6 +7,7 @@ import sys
 
 from ..common import add_common, discover, join
 from ..empty import explain_empty_list
+from ..listing import add_json, print_json
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -18,6 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-c", "--count-nodes", action="store_true", help="print only how many nodes there are"
     )
+    add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -37,6 +39,9 @@ def run(args: argparse.Namespace) -> int:
             "WARNING: some nodes have the same name; what is sent to one of them may reach another",
             file=sys.stderr,
         )
+    if args.json:
+        print_json([{"name": name} for name in nodes])
+        return 0
     for name in nodes:
         print(name)
     return 0

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from ..common import add_common, join
 from ..empty import explain_empty_list
 from ..errors import did_you_mean
+from ..listing import add_json, entries, print_json
 from ..waiting import warn
 from .list import add_hidden, services
 
@@ -22,14 +23,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-c", "--count-services", action="store_true", help="print only how many services there are"
     )
+    add_json(parser)
 
 
-def _check_type(wanted: str, listed: Iterable[tuple[str, list[str]]]) -> None:
+def _check_type(wanted: str, listed: Iterable[list[str]]) -> None:
     """Warn about a type that no service has, and that is not known either."""
     from ...interfaces import registry
 
     if not registry.exists(wanted):
-        present = {name for _, types in listed for name in types}
+        present = {name for types in listed for name in types}
         close = did_you_mean(wanted, [*present, *registry.list_types()])
         warn(f"no definition of the type {wanted} is known{close}")
 
@@ -39,13 +41,15 @@ def run(args: argparse.Namespace) -> int:
     package, _, name = args.type.partition("/")
     wanted = args.type if "/" in name else f"{package}/srv/{name}"
     with join(args) as network:
-        listed = services(network, args).items()
-        matches = [service for service, types in listed if wanted in types]
+        listed = services(network, args)
+        matches = {service: types for service, types in listed.items() if wanted in types}
         if not matches:
             explain_empty_list(network)
-            _check_type(wanted, listed)
+            _check_type(wanted, listed.values())
     if args.count_services:
         print(len(matches))
+    elif args.json:
+        print_json(entries(matches))
     else:
         for service in matches:
             print(service)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from ..common import add_common, discover, join
 from ..empty import explain_empty_list
+from ..listing import add_json, entries, print_json
 
 if TYPE_CHECKING:
     from ...host.graph_queries import NamesAndTypes
@@ -21,6 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-c", "--count-services", action="store_true", help="print only how many services there are"
     )
+    add_json(parser)
 
 
 def add_hidden(parser: argparse.ArgumentParser) -> None:
@@ -52,6 +54,9 @@ def run(args: argparse.Namespace) -> int:
             explain_empty_list(network)
     if args.count_services:
         print(len(found))
+        return 0
+    if args.json:
+        print_json(entries(found))
         return 0
     for name, types in found.items():
         print(f"{name} [{', '.join(types)}]" if args.show_types else name)

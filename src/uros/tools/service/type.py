@@ -6,12 +6,14 @@ import argparse
 
 from ..common import add_common, add_service, discover, join, remedy
 from ..errors import ToolError
+from ..listing import add_json, print_json
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of ``uros service type``."""
     add_service(parser)
     add_common(parser)
+    add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -27,6 +29,9 @@ def run(args: argparse.Namespace) -> int:
             raise ToolError(
                 f"there is no service {args.service!r}{remedy(network, args.service, known)}"
             )
+    if args.json:
+        print_json(known[args.service])
+        return 0
     for type_name in known[args.service]:
         print(type_name)
     return 0

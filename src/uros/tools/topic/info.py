@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..common import add_common, add_topic, discover, join, remedy
 from ..errors import ToolError
+from ..listing import add_json, print_json, qos_entry
 
 if TYPE_CHECKING:
     from ...host.graph_queries import EndpointInfo
@@ -22,6 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="print the node, type, type hash, GID and QoS profile of each endpoint",
     )
+    add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -39,6 +41,16 @@ def run(args: argparse.Namespace) -> int:
             raise ToolError(
                 f"there is no topic {args.topic!r}{remedy(network, args.topic, topics)}"
             )
+        if args.json:
+            print_json(
+                {
+                    "name": args.topic,
+                    "types": types,
+                    "publishers": list(map(endpoint_entry, graph.publishers(args.topic))),
+                    "subscriptions": list(map(endpoint_entry, graph.subscriptions(args.topic))),
+                }
+            )
+            return 0
         end = "\n\n" if args.verbose else "\n"
         print("Type:", types[0] if len(types) == 1 else types, end=end)
         for what, endpoints in (
@@ -52,27 +64,22 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
+def endpoint_entry(endpoint: EndpointInfo) -> dict[str, Any]:
+    """Return what is known of an endpoint, for JSON."""
+    return {
+        "node_name": endpoint.node_name,
+        "node_namespace": endpoint.node_namespace,
+        "type": endpoint.type_name,
+        "type_hash": endpoint.type_hash,
+        "gid": endpoint.gid.hex("."),
+        "qos": qos_entry(endpoint.qos),
+    }
+
+
 def describe(endpoint: EndpointInfo) -> str:
     """Return the lines that ros2 prints about an endpoint."""
-    from ...qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, ReliabilityPolicy
-
-    qos = endpoint.qos
-    history = {
-        HistoryPolicy.KEEP_LAST: f"KEEP_LAST ({qos.depth})",
-        HistoryPolicy.KEEP_ALL: "KEEP_ALL",
-    }
-    reliability = {
-        ReliabilityPolicy.RELIABLE: "RELIABLE",
-        ReliabilityPolicy.BEST_EFFORT: "BEST_EFFORT",
-    }
-    durability = {
-        DurabilityPolicy.TRANSIENT_LOCAL: "TRANSIENT_LOCAL",
-        DurabilityPolicy.VOLATILE: "VOLATILE",
-    }
-    liveliness = {
-        LivelinessPolicy.AUTOMATIC: "AUTOMATIC",
-        LivelinessPolicy.MANUAL_BY_TOPIC: "MANUAL_BY_TOPIC",
-    }
+    qos = qos_entry(endpoint.qos)
+    depth = f" ({qos['depth']})" if qos["history"] == "KEEP_LAST" else ""
     return "\n".join(
         [
             f"Node name: {endpoint.node_name}",
@@ -82,16 +89,16 @@ def describe(endpoint: EndpointInfo) -> str:
             f"Endpoint type: {'PUBLISHER' if endpoint.is_publisher else 'SUBSCRIPTION'}",
             f"GID: {endpoint.gid.hex('.')}",
             "QoS profile:",
-            f"  Reliability: {reliability.get(qos.reliability, 'UNKNOWN')}",
-            f"  History (Depth): {history.get(qos.history, 'UNKNOWN')}",
-            f"  Durability: {durability.get(qos.durability, 'UNKNOWN')}",
-            f"  Lifespan: {_time(qos.lifespan_ms)}",
-            f"  Deadline: {_time(qos.deadline_ms)}",
-            f"  Liveliness: {liveliness.get(qos.liveliness, 'UNKNOWN')}",
-            f"  Liveliness lease duration: {_time(qos.liveliness_lease_ms)}",
+            f"  Reliability: {qos['reliability']}",
+            f"  History (Depth): {qos['history']}{depth}",
+            f"  Durability: {qos['durability']}",
+            f"  Lifespan: {_time(qos['lifespan'])}",
+            f"  Deadline: {_time(qos['deadline'])}",
+            f"  Liveliness: {qos['liveliness']}",
+            f"  Liveliness lease duration: {_time(qos['liveliness_lease_duration'])}",
         ]
     )
 
 
-def _time(milliseconds: int | None) -> str:
-    return "Infinite" if milliseconds is None else f"{milliseconds * 1_000_000} nanoseconds"
+def _time(nanoseconds: int | None) -> str:
+    return "Infinite" if nanoseconds is None else f"{nanoseconds} nanoseconds"

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from ..common import add_common, discover, join
 from ..empty import explain_empty_list
+from ..listing import add_json, entries, print_json
 
 if TYPE_CHECKING:
     from ...host.graph_queries import Graph, NamesAndTypes
@@ -28,6 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="list hidden topics too, which have a part that begins with _",
     )
+    add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -43,6 +45,17 @@ def run(args: argparse.Namespace) -> int:
         }
         if args.count_topics:
             print(len(topics))
+        elif args.json:
+            print_json(
+                [
+                    {
+                        **entry,
+                        "publishers": len(network.graph.publishers(entry["name"])),
+                        "subscriptions": len(network.graph.subscriptions(entry["name"])),
+                    }
+                    for entry in entries(topics)
+                ]
+            )
         elif args.verbose and topics:
             print(_section(network.graph, topics, True))
             print(_section(network.graph, topics, False))
