@@ -44,16 +44,17 @@ ALLOWED = {
         "token_bucket", "addresses", "poller",
     },
     "host": {"client", "middleware", "interfaces", "qos", "names", "printable"},
+    "bag": {"interfaces", "qos", "names", "printable"},
     "dashboard": {"drivers", "http_server"},
     "boards": {
         "wire", "transport", "client", "control", "drivers", "middleware", "interfaces", "agent",
         "host", "dashboard", "qos", "ticks", "names", "printable", "http_server", "moved",
-        "token_bucket", "addresses", "poller",
+        "token_bucket", "addresses", "poller", "bag",
     },
     "tools": {
         "wire", "transport", "client", "control", "drivers", "middleware", "interfaces", "agent",
         "host", "boards", "dashboard", "qos", "ticks", "names", "printable", "http_server", "moved",
-        "token_bucket", "addresses", "poller",
+        "token_bucket", "addresses", "poller", "bag",
     },
 }  # fmt: skip
 # Packages within a room: what they must not import, and why.

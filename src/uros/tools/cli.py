@@ -289,11 +289,12 @@ def _reported(run: Callable[[], int]) -> int:
 
 
 def _user_errors() -> tuple[type[Exception], ...]:
+    from ..bag.errors import BagError
     from ..interfaces.errors import InterfaceError
     from ..middleware.base import MiddlewareError
     from .errors import ToolError
 
-    return ToolError, MiddlewareError, InterfaceError
+    return ToolError, MiddlewareError, InterfaceError, BagError
 
 
 def _wrong_settings() -> tuple[type[Exception], ...]:
