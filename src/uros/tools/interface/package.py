@@ -7,11 +7,13 @@ import argparse
 from ..common import add_interfaces, know_interfaces
 from ..errors import ToolError, did_you_mean
 from ..listing import add_json, print_json
+from .list import add_kinds, kinds
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of ``uros interface package``."""
     parser.add_argument("package", metavar="PACKAGE", help="name of a package, such as std_msgs")
+    add_kinds(parser)
     add_interfaces(parser)
     add_json(parser)
 
@@ -23,7 +25,8 @@ def run(args: argparse.Namespace) -> int:
         ToolError: The package is unknown.
     """
     know_interfaces(args)
-    types = types_of(args.package)
+    chosen = kinds(args)
+    types = [name for name in types_of(args.package) if name.split("/")[1] in chosen]
     if args.json:
         print_json(types)
         return 0

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 import re
+import sys
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from ..common import add_interfaces, add_type, know_interfaces
+from ..common import add_interfaces, know_interfaces
 
 if TYPE_CHECKING:
     from ...interfaces.parse import Message
@@ -16,7 +17,12 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of ``uros interface show``."""
-    add_type(parser)
+    parser.add_argument(
+        "type",
+        metavar="TYPE",
+        help="name of a message, service or action type, such as std_msgs/msg/Header; - reads it"
+        " from standard input",
+    )
     comments = parser.add_mutually_exclusive_group()
     comments.add_argument(
         "--all-comments", action="store_true", help="print the comments of nested messages too"
@@ -30,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
     from ...interfaces import registry
 
     know_interfaces(args)
-    name = registry.normalize(args.type)
+    name = registry.normalize(sys.stdin.read().strip() if args.type == "-" else args.type)
     parts = registry.definition(name).parts
     for part in parts:
         registry.closure(part)  # raises if a nested type is missing or wrong
