@@ -12,7 +12,7 @@ from array import array
 from collections import OrderedDict
 from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from . import metadata as bag_metadata
 from . import qos_profiles, yaml_text
@@ -147,13 +147,9 @@ class McapReader:
             topics=merged_topics(index, str(self._path)),
             files=[FileInformation(self._path.name, start, duration, count)],
         )
-        stored = (index.stored or {}).get("serialized_metadata")
-        if stored:
-            where = f"{self._path}: metadata"
-            of_writer = bag_metadata.from_mapping(yaml_text.load(stored, where), where)
-            metadata.custom_data = of_writer.custom_data
-            metadata.ros_distro = of_writer.ros_distro
-        metadata.ros_distro = (index.stored or {}).get("ROS_DISTRO", metadata.ros_distro)
+        stored = stored_metadata(index, str(self._path))
+        metadata.custom_data = stored.custom_data
+        metadata.ros_distro = stored.ros_distro
         return metadata
 
     def _fault(self, error: Exception) -> BagError:
@@ -178,12 +174,33 @@ def merged_topics(index: McapIndex, where: str) -> list[tuple[TopicMetadata, int
     topics: dict[str, tuple[TopicMetadata, int]] = {}
     for number, channel in index.channels.items():
         topic, count = topics.get(channel.topic, (None, 0))
-        topic = topic or _topic(index, channel, where)
+        topic = topic or channel_topic(index, number, where)
         topics[channel.topic] = topic, count + index.counts[number]
     return list(topics.values())
 
 
-def _topic(index: McapIndex, channel: Any, where: str) -> TopicMetadata:
+def stored_metadata(index: McapIndex, where: str) -> BagMetadata:
+    """Return the metadata that rosbag2 has stored in a file; empty ones if there are none.
+
+    Raises:
+        BagError: They are wrong.
+    """
+    stored = index.stored or {}
+    metadata = BagMetadata()
+    if text := stored.get("serialized_metadata"):
+        where = f"{where}: metadata"
+        metadata = bag_metadata.from_mapping(yaml_text.load(text, where), where)
+    metadata.ros_distro = stored.get("ROS_DISTRO", metadata.ros_distro)
+    return metadata
+
+
+def channel_topic(index: McapIndex, number: int, where: str) -> TopicMetadata:
+    """Return the topic of a channel.
+
+    Raises:
+        BagError: Its QoS profiles are wrong.
+    """
+    channel = index.channels[number]
     schema = index.schemas.get(channel.schema_id)
     offered = channel.metadata.get("offered_qos_profiles", "")
     return TopicMetadata(

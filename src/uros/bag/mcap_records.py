@@ -35,7 +35,7 @@ HEAD: Final = struct.Struct("<BQ")
 """A record's opcode and the length of its body."""
 MESSAGE: Final = struct.Struct("<HIQQ")
 """The head of a message: channel, sequence, time received, time sent; its data follow."""
-MAX_CHUNK: Final = 512 << 20
+MAX_CHUNK: Final = 256 << 20
 """Largest chunk, in bytes, compressed or not. Attack: a short file that expands into any size."""
 MAX_RECORD: Final = 1 << 30
 """Largest other record, in bytes: a message without a chunk. Attack: memory."""
@@ -162,26 +162,59 @@ def chunk_data(file: BinaryIO, record: Record) -> bytes:
     return data
 
 
-def _decompress(data: bytes, head: ChunkHead, offset: int) -> bytes:
-    stream: Any
+def cut_chunk_data(file: BinaryIO, start: int, size: int) -> bytes:
+    """Return what is left of the records of a chunk at which the file was cut off.
+
+    Args:
+        file: The file.
+        start: The place of the chunk's record.
+        size: The size of the file, in bytes.
+
+    Raises:
+        Damage: This is no chunk, or it is cut off within its head.
+    """
+    opcode, length = HEAD.unpack(read_at(file, start, min(HEAD.size, size - start)).ljust(9, b"\0"))
+    if opcode != Opcode.CHUNK:
+        raise Damage(start, "no chunk")
+    head = chunk_head(file, Record(opcode, start, start + HEAD.size, length))
+    data = read_at(file, head.data, min(size - head.data, head.length))
+    parts: list[bytes] = []
+    if not head.compression:
+        return data
     try:
-        if head.compression == "zstd":
-            stream = zstandard.ZstdDecompressor().stream_reader(data)
-        elif head.compression == "lz4":
-            stream = lz4.frame.LZ4FrameFile(io.BytesIO(data))
-        else:
-            raise Damage(offset, f"the compression {head.compression!r:.20}; uros has zstd and lz4")
-        with stream:
-            parts = []
-            left = head.size + 1
-            while left and (part := stream.read(min(left, _STEP))):
-                parts.append(part)
-                left -= len(part)
-        return b"".join(parts)
-    except (zstandard.ZstdError, RuntimeError, EOFError, ValueError, MemoryError) as error:
-        if isinstance(error, Damage):
-            raise
+        parts.extend(_decompressed(data, head, start))
+    except _BROKEN:
+        pass  # what came before the cut
+    return b"".join(parts)
+
+
+# What the decompressors raise, which lz4 and zstandard have their own classes for in part.
+_BROKEN: Final = (zstandard.ZstdError, RuntimeError, EOFError, ValueError, MemoryError)
+
+
+def _decompress(data: bytes, head: ChunkHead, offset: int) -> bytes:
+    try:
+        return b"".join(_decompressed(data, head, offset))
+    except Damage:
+        raise
+    except _BROKEN as error:
         raise Damage(offset, f"a damaged chunk ({error})") from error
+
+
+def _decompressed(data: bytes, head: ChunkHead, offset: int) -> Iterator[bytes]:
+    """Yield the data of a chunk in parts; at most a byte more than it states."""
+    stream: Any
+    if head.compression == "zstd":
+        stream = zstandard.ZstdDecompressor().stream_reader(data)
+    elif head.compression == "lz4":
+        stream = lz4.frame.LZ4FrameFile(io.BytesIO(data))
+    else:
+        raise Damage(offset, f"the compression {head.compression!r:.20}; uros has zstd and lz4")
+    with stream:
+        left = head.size + 1
+        while left and (part := stream.read(min(left, _STEP))):
+            yield part
+            left -= len(part)
 
 
 def read_at(file: BinaryIO, at: int, length: int) -> bytes:

@@ -26,13 +26,19 @@ class SqliteReader:
 
     Args:
         path: The file.
+        is_damaged: Whether to open a file that is shorter than it states.
+
+    Attributes:
+        database: The connection, which cannot write.
+        topics: The topics by their numbers.
 
     Raises:
         BagError: The file cannot be read, or has no messages of a bag.
     """
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
+    def __init__(self, path: str | os.PathLike[str], is_damaged: bool = False) -> None:
         self._path = Path(path)
+        self._is_damaged = is_damaged
         try:
             with open(self._path, "rb") as file:
                 if file.read(len(_MAGIC)) != _MAGIC:
@@ -42,16 +48,16 @@ class SqliteReader:
             raise BagError(f"{path}: {error.strerror}") from error
         uri = f"file:{quote(str(self._path.resolve()))}?mode=ro"
         try:
-            self._database = sqlite3.connect(uri, uri=True, check_same_thread=False)
+            self.database = sqlite3.connect(uri, uri=True, check_same_thread=False)
         except sqlite3.Error as error:
             raise self._fault(error) from error
         try:
             self._open()
         except (sqlite3.Error, ValueError, OverflowError) as error:
-            self._database.close()
+            self.database.close()
             raise self._fault(error) from error
         except BaseException:
-            self._database.close()
+            self.database.close()
             raise
 
     @property
@@ -64,7 +70,7 @@ class SqliteReader:
 
     def close(self) -> None:
         """Close the file."""
-        self._database.close()
+        self.database.close()
 
     def messages(
         self, topics: Collection[str] | None, start_ns: int | None, stop_ns: int | None
@@ -72,7 +78,7 @@ class SqliteReader:
         """Yield the messages in the order of their time; ``stop_ns`` is the first not wanted."""
         names = {
             number: topic.name
-            for number, topic in self._topics.items()
+            for number, topic in self.topics.items()
             if topics is None or topic.name in topics
         }
         chosen = "" if topics is None else f" AND topic_id IN ({','.join(map(str, names))})"
@@ -82,7 +88,7 @@ class SqliteReader:
             return
         left = self._size  # attack: a damaged tree that leads back to itself has no end
         try:
-            for number, received, data in self._database.execute(
+            for number, received, data in self.database.execute(
                 "SELECT topic_id, timestamp, data FROM messages WHERE timestamp BETWEEN ? AND ?"
                 f"{chosen} ORDER BY timestamp, id",
                 (start, last),
@@ -95,13 +101,15 @@ class SqliteReader:
             raise self._fault(error) from error
 
     def _open(self) -> None:
-        self._database.execute("PRAGMA trusted_schema=OFF")
-        self._database.execute("PRAGMA cell_size_check=ON")
+        self.database.execute("PRAGMA trusted_schema=OFF")
+        self.database.execute("PRAGMA cell_size_check=ON")
+        if self._is_damaged:
+            self.database.execute("PRAGMA writable_schema=ON")  # which ends that check
         self._tables = self._find_tables()
         if not self._tables >= _TABLES:
             raise BagError(f"{self._path}: no tables of a bag in this SQLite file")
         self._definitions = self._read_definitions()
-        self._topics = dict(self._read_topics())
+        self.topics = dict(self._read_topics())
 
     def _find_tables(self) -> set[str]:
         """Return which tables there are. Attack: a view of that name, which never ends."""
@@ -113,7 +121,7 @@ class SqliteReader:
 
     def _rows(self, query: str) -> Iterator[tuple[Any, ...]]:
         left = self._size
-        for row in self._database.execute(query):
+        for row in self.database.execute(query):
             left -= 1
             if left < 0:
                 raise sqlite3.DatabaseError("a table is damaged")
@@ -151,7 +159,7 @@ class SqliteReader:
         first, last = bag_metadata.NO_TIME, 0
         query = "SELECT topic_id, count(*), min(timestamp), max(timestamp) FROM messages GROUP BY 1"
         for number, count, start, end in self._rows(query):
-            if number not in self._topics or not 0 <= start <= end:
+            if number not in self.topics or not 0 <= start <= end:
                 raise sqlite3.DatabaseError("the table of messages is damaged")
             counts[number] = count
             first, last = min(first, start), max(last, end)
@@ -162,7 +170,7 @@ class SqliteReader:
             starting_time_ns=first,
             duration_ns=duration,
             message_count=total,
-            topics=[(topic, counts.get(number, 0)) for number, topic in self._topics.items()],
+            topics=[(topic, counts.get(number, 0)) for number, topic in self.topics.items()],
             files=[FileInformation(self._path.name, first, duration, total)],
         )
         if "metadata" in self._tables:

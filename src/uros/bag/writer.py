@@ -9,7 +9,7 @@ from typing import Final, Literal
 
 from ..interfaces import InterfaceError, distro
 from .definitions import definition_text, topic_type_hash
-from .errors import BagError
+from .errors import BagError, Reported
 from .metadata import BagMetadata, FileInformation, TopicMetadata, write_metadata
 from .storage import DEFAULT_CHUNK, SUFFIXES, FileWriter, check_storage, default_storage
 
@@ -80,7 +80,7 @@ class BagWriter:
         except OSError as error:
             raise BagError(f"{uri}: {error.strerror}") from error
         self._path = self._folder
-        self._reported = _Reported(self._folder)
+        self._reported = Reported(self._folder)
         self._file = self._open_file()
 
     def __enter__(self) -> BagWriter:
@@ -142,6 +142,10 @@ class BagWriter:
             return number
         if len(self._topics) >= _MAX_TOPICS:
             raise BagError(f"{self._folder}: over {_MAX_TOPICS} topics")
+        try:
+            f"{topic.name}{topic.type_name}".encode()
+        except UnicodeEncodeError as error:
+            raise BagError(f"{topic.name!a}: a name that is no text cannot be written") from error
         if not topic.definition:
             topic.definition = definition_text(topic.type_name)
         if not topic.type_hash:
@@ -252,7 +256,7 @@ class BagWriter:
         number = len(self._metadata.files)
         name = f"{self._folder.resolve().name}_{number}{SUFFIXES[self._storage]}"
         path = self._path = self._folder / name
-        self._reported = _Reported(path)
+        self._reported = Reported(path)
         self._metadata.files.append(FileInformation(name))
         with self._reported:
             if self._storage == "mcap":
@@ -262,23 +266,3 @@ class BagWriter:
             from .sqlite_writer import SqliteWriter
 
             return SqliteWriter(path, self.metadata)
-
-
-class _Reported:
-    """Reports the errors of the system and of SQLite as `BagError` with the file's name."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(self, _: object, error: BaseException | None, __: object) -> None:
-        if error is None:
-            return
-        import sqlite3
-
-        if isinstance(error, OSError):
-            raise BagError(f"{self._path}: {error.strerror}") from error
-        if isinstance(error, sqlite3.Error):
-            raise BagError(f"{self._path}: {error}") from error

@@ -75,6 +75,14 @@ _ROOT: Final = Group(
                 "info": Verb("print information about a node", "node.info"),
             },
         ),
+        "bag": Group(
+            "record topics into bags and play them",
+            {
+                "info": Verb("print information about a bag", "bag.info"),
+                "recover": Verb("finish a bag whose recording was cut off", "bag.recover"),
+                "reindex": Verb("write metadata.yaml of a bag from its files", "bag.reindex"),
+            },
+        ),
         "image": Group(
             "show and save images of a topic",
             {
@@ -130,7 +138,7 @@ _ROOT: Final = Group(
 
 # Commands of ros2 that uros does not have, by the group that they are in; "" is ros2 itself.
 _ROS2: Final[Mapping[str, tuple[str, ...]]] = {
-    "": ("action", "bag", "component", "launch", "lifecycle", "param"),
+    "": ("action", "component", "launch", "lifecycle", "param"),
     "topic": ("bw", "delay", "find", "type"),
     "service": ("echo", "info"),
 }

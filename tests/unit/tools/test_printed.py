@@ -18,6 +18,8 @@ from unit.host.test_graph_queries import FAST_DDS, Endpoint, Node
 from unit.tools.agent.test_status import client, snapshot
 
 from uros.agent.log import Log
+from uros.bag.metadata import TopicMetadata
+from uros.bag.writer import BagWriter
 from uros.host import network as network_module
 from uros.host.graph_queries import Graph
 from uros.host.network import Network, Received
@@ -453,6 +455,29 @@ def no_foreign_text(reason):
     return lambda: None
 
 
+def bag_any(verb):
+    def feed(output, tmp_path):
+        for storage in ("mcap", "sqlite3"):
+            folder = tmp_path / storage
+            event = f"/{HOSTILE}/_service_event"
+            with BagWriter(folder, storage, custom_data={HOSTILE: HOSTILE}) as writer:
+                for name, kind in ((f"/{HOSTILE}", HOSTILE), (event, f"a/srv/{HOSTILE}_Event")):
+                    topic = TopicMetadata(name, kind, serialization_format=HOSTILE)
+                    writer.write(writer.add_topic(topic), bytes(60), 5, 5)
+            if verb == "info":
+                for options in ([], ["-t"], ["-v"], ["--sort", "type"]):
+                    output("bag", "info", folder, *options, status=0)
+            file = folder / writer.metadata.files[0].path
+            output("bag", verb, folder, status=0)
+            file.write_bytes(file.read_bytes()[:-30])
+            output("bag", verb, folder)
+            hostile = folder / "metadata.yaml"
+            hostile.write_text(json.dumps({HOSTILE: HOSTILE}))
+            output("bag", verb, folder)
+
+    return feed
+
+
 FEEDS = {
     "agent": agent,
     "agent status": agent_status,
@@ -464,6 +489,9 @@ FEEDS = {
     "topic pub": topic_pub,
     "node list": node_list,
     "node info": node_info,
+    "bag info": bag_any("info"),
+    "bag recover": bag_any("recover"),
+    "bag reindex": bag_any("reindex"),
     "image view": image_view,
     "image save": image_save,
     "pid": pid,

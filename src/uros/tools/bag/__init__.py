@@ -1,0 +1,9 @@
+"""``uros bag``: a module for each verb, and what they share.
+
+=================  ===============================================================================
+``info``           ``uros bag info``: print information about a bag
+``recover``        ``uros bag recover``: finish a bag whose recording was cut off
+``reindex``        ``uros bag reindex``: write metadata.yaml of a bag from its files
+``arguments``      The arguments of the verbs that read one bag
+=================  ===============================================================================
+"""
