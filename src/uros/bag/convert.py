@@ -27,7 +27,7 @@ class Output:
     Attributes:
         uri: The folder, which must not exist.
         takes: Whether a topic is written, by its name and type.
-        storage: ``mcap`` or ``sqlite3``; by default what can be used here.
+        storage: ``mcap`` or ``sqlite3``.
         compression: None, ``zstd`` or ``lz4`` for the chunks of MCAP files.
         max_size: The size in bytes at which the next file begins; 0 for one file.
         max_duration_ns: The time after which the next file begins; 0 for one file.
@@ -38,7 +38,7 @@ class Output:
 
     uri: str
     takes: Callable[[str, str], bool] = every_topic
-    storage: str = ""
+    storage: str = "mcap"
     compression: Literal["zstd", "lz4"] | None = None
     max_size: int = 0
     max_duration_ns: int = 0

@@ -9,17 +9,13 @@ from __future__ import annotations
 import os
 from array import array
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, BinaryIO, Final, NamedTuple
 
-from mcap.opcode import Opcode
-
 from .errors import BagError
+from .mcap_codec import HEAD, MAGIC, MESSAGE, Channel, ChunkIndex, Metadata, Opcode, Schema
 from .mcap_records import (
-    HEAD,
-    MAGIC,
     MAX_RECORD,
-    MESSAGE,
     Damage,
     Record,
     chunk_data,
@@ -59,26 +55,25 @@ class McapIndex:
     """
 
     def __init__(self) -> None:
-        self.schemas: dict[int, Any] = {}
-        self.channels: dict[int, Any] = {}
+        self.schemas: dict[int, Schema] = {}
+        self.channels: dict[int, Channel] = {}
         self.counts: Counter[int] = Counter()
         self.blocks: list[Block] = []
         self.first_ns = 0
         self.last_ns = 0
-        self.stored: dict[str, str] | None = None
+        self.stored: Mapping[str, str] | None = None
 
     def define(self, record: Any) -> None:
         """Take a schema, a channel or rosbag2's metadata; ignore others.
 
         Args:
-            record: A record of the library mcap.
+            record: A record of `mcap_codec`.
         """
-        kind = type(record).__name__
-        if kind == "Schema":
+        if isinstance(record, Schema):
             self.schemas.setdefault(record.id, record)
-        elif kind == "Channel":
+        elif isinstance(record, Channel):
             self.channels.setdefault(record.id, record)
-        elif kind == "Metadata" and record.name == METADATA:
+        elif isinstance(record, Metadata) and record.name == METADATA:
             self.stored = record.metadata
 
     def add_block(self, record: Record, is_chunk: bool, data: bytes) -> int:
@@ -161,22 +156,22 @@ def _read_summary(file: BinaryIO, start: int, end: int) -> McapIndex | None:
         or len(index.channels) < statistics.channel_count
         or len(index.blocks) != statistics.chunk_count
         or (statistics.message_count and not statistics.chunk_count)
-        or sum(statistics.channel_message_counts.values()) != statistics.message_count
+        or sum(statistics.channel_counts.values()) != statistics.message_count
     ):
         return None
-    index.counts.update(statistics.channel_message_counts)
-    index.first_ns, index.last_ns = statistics.message_start_time, statistics.message_end_time
+    index.counts.update(statistics.channel_counts)
+    index.first_ns, index.last_ns = statistics.first_ns, statistics.last_ns
     if not index.first_ns <= index.last_ns <= MAX_TIME:
         raise Damage(start, "wrong times in the statistics")
     return index
 
 
-def _indexed(file: BinaryIO, entry: Any, offset: int, end: int) -> Block:
-    at = entry.chunk_start_offset
-    if at + entry.chunk_length <= end:
-        record = next(walk(file, at, at + entry.chunk_length), None)
+def _indexed(file: BinaryIO, entry: ChunkIndex, offset: int, end: int) -> Block:
+    at = entry.start
+    if at + entry.length <= end:
+        record = next(walk(file, at, at + entry.length), None)
         if record is not None and record.opcode == Opcode.CHUNK:
-            return Block(entry.message_start_time, entry.message_end_time, record, True)
+            return Block(entry.first_ns, entry.last_ns, record, True)
     raise Damage(offset, "an index of a chunk that is not there")
 
 

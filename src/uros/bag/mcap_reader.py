@@ -17,8 +17,9 @@ from typing import Final
 from . import metadata as bag_metadata
 from . import qos_profiles, yaml_text
 from .errors import BagError
+from .mcap_codec import HEAD, MESSAGE
 from .mcap_index import MAX_TIME, Block, McapIndex, messages_in, read_index
-from .mcap_records import HEAD, MESSAGE, Damage, chunk_data, read_at
+from .mcap_records import Damage, chunk_data, read_at
 from .metadata import BagMetadata, FileInformation, TopicMetadata
 from .storage import BagMessage
 

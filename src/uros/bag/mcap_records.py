@@ -1,57 +1,24 @@
-"""Records of MCAP files: found within limits, parsed by the library ``mcap``.
+"""Records of MCAP files, found within limits.
 
-The library believes the lengths that a file states, and allocates that much. Here each length is
-first compared with what the file has, and decompression ends at the size that a chunk states.
+The lengths that a file states are compared with what it has before anything is allocated, and
+decompression ends at the size that a chunk states.
 """
 
 from __future__ import annotations
 
-import io
-import struct
 import zlib
 from collections.abc import Iterator
 from typing import Any, BinaryIO, Final, NamedTuple
 
-import lz4.frame
-import zstandard
-from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
-from mcap.opcode import Opcode
-from mcap.records import (
-    Channel,
-    ChunkIndex,
-    Footer,
-    MessageIndex,
-    Metadata,
-    MetadataIndex,
-    Schema,
-    Statistics,
-)
-
+from . import compression
 from .errors import BagError
+from .mcap_codec import CHUNK, HEAD, U32, U64, Opcode, unpack
 
-MAGIC: Final = b"\x89MCAP0\r\n"
-HEAD: Final = struct.Struct("<BQ")
-"""A record's opcode and the length of its body."""
-MESSAGE: Final = struct.Struct("<HIQQ")
-"""The head of a message: channel, sequence, time received, time sent; its data follow."""
 MAX_CHUNK: Final = 256 << 20
 """Largest chunk, in bytes, compressed or not. Attack: a short file that expands into any size."""
 MAX_RECORD: Final = 1 << 30
 """Largest other record, in bytes: a message without a chunk. Attack: memory."""
-_CHUNK: Final = struct.Struct("<QQQII")
-_LENGTH: Final = struct.Struct("<Q")
-_STEP: Final = 1 << 20
-_PARSERS: Final[dict[int, Any]] = {
-    Opcode.SCHEMA: Schema,
-    Opcode.CHANNEL: Channel,
-    Opcode.STATISTICS: Statistics,
-    Opcode.CHUNK_INDEX: ChunkIndex,
-    Opcode.MESSAGE_INDEX: MessageIndex,
-    Opcode.METADATA: Metadata,
-    Opcode.METADATA_INDEX: MetadataIndex,
-    Opcode.FOOTER: Footer,
-}
+_MAX_NAME: Final = 16  # letters of a compression
 
 
 class Damage(BagError):
@@ -120,8 +87,8 @@ def parse(file: BinaryIO, record: Record) -> Any:
 def parse_body(opcode: int, body: bytes, offset: int) -> Any:
     """Return a record of which the body is given; ``offset`` is its place, for the error."""
     try:
-        return _PARSERS[Opcode(opcode)].read(ReadDataStream(io.BytesIO(body)))
-    except (McapError, struct.error, ValueError, OverflowError) as error:
+        return unpack(opcode, body)
+    except ValueError as error:
         raise Damage(offset, f"a wrong record of kind {opcode} ({error})") from error
 
 
@@ -131,20 +98,22 @@ def chunk_head(file: BinaryIO, record: Record) -> ChunkHead:
     Raises:
         Damage: The head states what cannot be.
     """
-    head = read_at(file, record.body, min(record.length, _CHUNK.size))
-    if len(head) < _CHUNK.size:
+    fields = CHUNK.size + U32.size
+    head = read_at(file, record.body, min(record.length, fields))
+    if len(head) < fields:
         raise Damage(record.start, "a chunk is too short")
-    start_ns, end_ns, size, crc, letters = _CHUNK.unpack(head)
-    at = record.body + _CHUNK.size
-    if letters > 16 or at + letters + _LENGTH.size > record.end:
+    start_ns, end_ns, size, crc = CHUNK.unpack_from(head)
+    (letters,) = U32.unpack_from(head, CHUNK.size)
+    at = record.body + fields
+    if letters > _MAX_NAME or at + letters + U64.size > record.end:
         raise Damage(record.start, "a chunk with an unknown compression")
-    compression = read_at(file, at, letters)
+    name = read_at(file, at, letters)
     at += letters
-    (length,) = _LENGTH.unpack(read_at(file, at, _LENGTH.size))
-    at += _LENGTH.size
+    (length,) = U64.unpack(read_at(file, at, U64.size))
+    at += U64.size
     if at + length > record.end or max(size, length) > MAX_CHUNK:
         raise Damage(record.start, f"a chunk of {length} bytes, {size} before compression")
-    return ChunkHead(start_ns, end_ns, size, crc, compression.decode("latin1"), at, length)
+    return ChunkHead(start_ns, end_ns, size, crc, name.decode("latin1"), at, length)
 
 
 def chunk_data(file: BinaryIO, record: Record) -> bytes:
@@ -156,7 +125,10 @@ def chunk_data(file: BinaryIO, record: Record) -> bytes:
     head = chunk_head(file, record)
     data = read_at(file, head.data, head.length)
     if head.compression:
-        data = _decompress(data, head, record.start)
+        try:
+            data = b"".join(compression.decompressed(head.compression, data, head.size + 1))
+        except compression.Broken as error:
+            raise Damage(record.start, f"a damaged chunk ({error})") from error
     if len(data) != head.size or (head.crc and zlib.crc32(data) != head.crc):
         raise Damage(record.start, "a damaged chunk: its checksum is wrong")
     return data
@@ -173,7 +145,9 @@ def cut_chunk_data(file: BinaryIO, start: int, size: int) -> bytes:
     Raises:
         Damage: This is no chunk, or it is cut off within its head.
     """
-    opcode, length = HEAD.unpack(read_at(file, start, min(HEAD.size, size - start)).ljust(9, b"\0"))
+    opcode, length = HEAD.unpack(
+        read_at(file, start, min(HEAD.size, size - start)).ljust(HEAD.size, b"\0")
+    )
     if opcode != Opcode.CHUNK:
         raise Damage(start, "no chunk")
     head = chunk_head(file, Record(opcode, start, start + HEAD.size, length))
@@ -182,39 +156,11 @@ def cut_chunk_data(file: BinaryIO, start: int, size: int) -> bytes:
     if not head.compression:
         return data
     try:
-        parts.extend(_decompressed(data, head, start))
-    except _BROKEN:
-        pass  # what came before the cut
+        for part in compression.decompressed(head.compression, data, head.size):
+            parts.append(part)
+    except compression.Broken:
+        pass  # here the file was cut off
     return b"".join(parts)
-
-
-# What the decompressors raise, which lz4 and zstandard have their own classes for in part.
-_BROKEN: Final = (zstandard.ZstdError, RuntimeError, EOFError, ValueError, MemoryError)
-
-
-def _decompress(data: bytes, head: ChunkHead, offset: int) -> bytes:
-    try:
-        return b"".join(_decompressed(data, head, offset))
-    except Damage:
-        raise
-    except _BROKEN as error:
-        raise Damage(offset, f"a damaged chunk ({error})") from error
-
-
-def _decompressed(data: bytes, head: ChunkHead, offset: int) -> Iterator[bytes]:
-    """Yield the data of a chunk in parts; at most a byte more than it states."""
-    stream: Any
-    if head.compression == "zstd":
-        stream = zstandard.ZstdDecompressor().stream_reader(data)
-    elif head.compression == "lz4":
-        stream = lz4.frame.LZ4FrameFile(io.BytesIO(data))
-    else:
-        raise Damage(offset, f"the compression {head.compression!r:.20}; uros has zstd and lz4")
-    with stream:
-        left = head.size + 1
-        while left and (part := stream.read(min(left, _STEP))):
-            yield part
-            left -= len(part)
 
 
 def read_at(file: BinaryIO, at: int, length: int) -> bytes:

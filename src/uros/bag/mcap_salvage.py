@@ -10,15 +10,11 @@ import re
 from collections.abc import Iterator
 from typing import BinaryIO, Final, NamedTuple
 
-from mcap.opcode import Opcode
-
 from .errors import BagError
+from .mcap_codec import HEAD, MAGIC, MESSAGE, Opcode
 from .mcap_index import McapIndex, read_index, records_in
 from .mcap_records import (
-    HEAD,
-    MAGIC,
     MAX_RECORD,
-    MESSAGE,
     Damage,
     Record,
     chunk_data,

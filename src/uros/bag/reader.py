@@ -172,7 +172,7 @@ def open_reader(path: str | os.PathLike[str], storage: str) -> FileReader:
     """Open one file of a bag.
 
     Raises:
-        BagError: The file cannot be read, is cut off, or its storage cannot be used here.
+        BagError: The file cannot be read, is cut off, or its storage is unknown.
     """
     check_storage(storage)
     if storage == "mcap":

@@ -7,12 +7,13 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Final, NamedTuple, Protocol
 
-from . import mcap_package
 from .errors import BagError
 from .metadata import BagMetadata, TopicMetadata
 
 SUFFIXES: Final = {"mcap": ".mcap", "sqlite3": ".db3"}
 """The storages, with the suffix of their files."""
+DEFAULT: Final = "mcap"
+"""The storage of a bag for which none was asked."""
 DEFAULT_CHUNK: Final = 768 << 10
 """The size of a chunk of an MCAP file before compression, in bytes, as MCAP's writer in C++ has."""
 
@@ -69,21 +70,14 @@ class FileReader(Protocol):
         """Close the file."""
 
 
-def default_storage() -> str:
-    """Return the storage of a bag for which none was asked: ``mcap`` where it can be used."""
-    return "sqlite3" if mcap_package.why_missing() else "mcap"
-
-
 def check_storage(storage: str) -> None:
-    """Check that files of a storage can be read and written here.
+    """Check the name of a storage.
 
     Raises:
-        BagError: The storage is unknown, or its package is missing.
+        BagError: There is no such storage.
     """
     if storage not in SUFFIXES:
         raise BagError(f"there is no storage {storage!r}; give {' or '.join(SUFFIXES)}")
-    if storage == "mcap" and (why := mcap_package.why_missing()):
-        raise BagError(f"MCAP files cannot be used: {why}; {mcap_package.remedy()}")
 
 
 def storage_of(path: str | os.PathLike[str]) -> str:

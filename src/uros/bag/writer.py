@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Final, Literal
 
 from ..interfaces import InterfaceError, distro
+from . import compression as compressions
 from .definitions import definition_text, topic_type_hash
 from .errors import BagError, Reported
 from .metadata import BagMetadata, FileInformation, TopicMetadata, write_metadata
-from .storage import DEFAULT_CHUNK, SUFFIXES, FileWriter, check_storage, default_storage
+from .storage import DEFAULT, DEFAULT_CHUNK, SUFFIXES, FileWriter, check_storage
 
-COMPRESSIONS: Final = ("zstd", "lz4")
 _MAX_TIME: Final = 2**63 - 1
 _MAX_TOPICS: Final = 0xFFFF  # MCAP numbers channels with 16 bits
 # The least sizes at which rosbag2 splits, in bytes: those of files without messages.
@@ -28,7 +28,7 @@ class BagWriter:
 
     Args:
         uri: The folder, which must not exist. Its name is the first part of the files' names.
-        storage: ``mcap`` or ``sqlite3``; by default what can be used here.
+        storage: ``mcap`` or ``sqlite3``.
         compression: None, ``zstd`` or ``lz4`` for the chunks of MCAP files.
         max_size: The size in bytes at which the next file begins; 0 for one file.
         max_duration_ns: The time from a file's first message after which the next file begins.
@@ -43,7 +43,7 @@ class BagWriter:
     def __init__(
         self,
         uri: str | os.PathLike[str],
-        storage: str = "",
+        storage: str = DEFAULT,
         *,
         compression: Literal["zstd", "lz4"] | None = None,
         max_size: int = 0,
@@ -53,7 +53,7 @@ class BagWriter:
         ros_distro: str | None = None,
     ) -> None:
         self._folder = Path(uri)
-        self._storage = storage or default_storage()
+        self._storage = storage or DEFAULT
         self._compression = compression
         self._max_size = max_size
         self._max_duration_ns = max_duration_ns
@@ -231,12 +231,10 @@ class BagWriter:
 
     def _check(self, compression: str | None) -> None:
         check_storage(self._storage)
-        if compression is not None and compression not in COMPRESSIONS:
-            raise BagError(
-                f"there is no compression {compression!r}; give {' or '.join(COMPRESSIONS)}"
-            )
         if compression is not None and self._storage != "mcap":
             raise BagError(f"files of {self._storage} are not compressed; use -s mcap")
+        if compression is not None and (why := compressions.why_missing(compression)):
+            raise BagError(why)
         least = _LEAST_SIZES[self._storage]
         if self._max_size and self._max_size < least:
             raise BagError(

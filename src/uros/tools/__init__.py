@@ -16,6 +16,7 @@
 ``progress``   The progress of a command that takes seconds, on standard error
 ``waiting``    Waits for a topic and finds its type
 ``agent``      ``uros agent`` and its verbs
+``bag``        ``uros bag``: a module for each verb
 ``board``      ``uros board``: a module for each verb
 ``capture``    ``uros trace`` and ``uros replay``: captured messages
 ``doctor``     ``uros doctor``: a module for each subject that it checks

@@ -74,8 +74,8 @@ def test_version(capsys):
         (["zzz"], "commands: agent, demo, topic, node"),
         (["topic", "ech"], "uros topic: error: there is no command 'ech'; did you mean 'echo'?"),
         (
-            ["bag", "record"],
-            "there is no command 'bag'; boards are ordinary nodes for 'ros2 bag' of",
+            ["launch", "x"],
+            "there is no command 'launch'; boards are ordinary nodes for 'ros2 launch' of",
         ),
         (["topic", "bw", "/x"], "'bw'; boards are ordinary nodes for 'ros2 topic bw' of ROS 2 (c"),
         (["wtf"], "'wtf'; uros doctor does that (commands: "),
