@@ -78,6 +78,7 @@ _ROOT: Final = Group(
         "bag": Group(
             "record topics into bags and play them",
             {
+                "convert": Verb("write bags with other settings", "bag.convert"),
                 "info": Verb("print information about a bag", "bag.info"),
                 "recover": Verb("finish a bag whose recording was cut off", "bag.recover"),
                 "reindex": Verb("write metadata.yaml of a bag from its files", "bag.reindex"),

@@ -478,6 +478,19 @@ def bag_any(verb):
     return feed
 
 
+def bag_convert(output, tmp_path):
+    with BagWriter(tmp_path / "in") as writer:
+        writer.add_topic(TopicMetadata(f"/{HOSTILE}", HOSTILE))
+    with BagWriter(tmp_path / "other") as writer:
+        writer.add_topic(TopicMetadata(f"/{HOSTILE}", HOSTILE[1:]))
+    output("bag", "convert", tmp_path / "in", tmp_path / f"out{LINE}".replace("\0", ""), status=0)
+    output("bag", "convert", tmp_path / "in", tmp_path / "other", tmp_path / "no", status=1)
+    options = tmp_path / "out.yaml"
+    for wrong in ({HOSTILE: 1}, {"uri": 1}, {"uri": "x", "regex": f"({HOSTILE}"}, {"all": HOSTILE}):
+        options.write_text(json.dumps({"output_bags": [wrong]}))
+        output("bag", "convert", "-i", tmp_path / "in", "-o", options, status=1)
+
+
 FEEDS = {
     "agent": agent,
     "agent status": agent_status,
@@ -489,6 +502,7 @@ FEEDS = {
     "topic pub": topic_pub,
     "node list": node_list,
     "node info": node_info,
+    "bag convert": bag_convert,
     "bag info": bag_any("info"),
     "bag recover": bag_any("recover"),
     "bag reindex": bag_any("reindex"),
