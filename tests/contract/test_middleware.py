@@ -304,7 +304,7 @@ def test_samples_have_the_time_of_writing(network):
     writer.write(cdr("abcd"))
     after = time.time_ns()
     network.until(lambda: inbox.calls)
-    ((sample, source_ns),) = inbox.reader.take_stamped(10)
+    ((sample, source_ns, writer),) = inbox.reader.take_stamped(10)
     assert sample == cdr("abcd") + bytes(3) or sample == cdr("abcd")
     if network.middleware.name in ("dds", "rtps", "auto"):
         # On the wire a second has 2**32 parts.

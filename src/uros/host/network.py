@@ -45,12 +45,14 @@ _BATCH: Final = 64
 class Received(NamedTuple):
     """A sample with its encapsulation header, and the times of writing and taking (Unix ns).
 
-    The time of writing is 0 where its writer does not give it.
+    The time of writing is 0 where its writer does not give it. ``writer`` is the writer's GUID,
+    empty where the middleware does not tell it.
     """
 
     cdr: bytes
     source_ns: int
     received_ns: int
+    writer: bytes = b""
 
 
 def complete_at(joined_at: float, changed_at: float, alone: bool, silent: bool) -> float:
@@ -129,8 +131,8 @@ class Network:
 
         def on_ready() -> None:
             samples = reader.take_stamped(_BATCH)
-            for cdr, source_ns in samples:
-                self._samples.append((deliver, Received(cdr, source_ns, time.time_ns())))
+            for cdr, source_ns, writer in samples:
+                self._samples.append((deliver, Received(cdr, source_ns, time.time_ns(), writer)))
             if len(samples) == _BATCH:  # deliver these samples first
                 self._unread[on_ready] = None
 

@@ -89,9 +89,12 @@ class Reader(ABC):
         Fewer mean that no more wait.
         """
 
-    def take_stamped(self, limit: int) -> list[tuple[bytes, int]]:
-        """Take samples as :meth:`take` does, each with its source time (Unix ns), 0 if unknown."""
-        return [(sample, 0) for sample in self.take(limit)]
+    def take_stamped(self, limit: int) -> list[tuple[bytes, int, bytes]]:
+        """Take samples as :meth:`take` does: (sample, source time in Unix ns, GUID of the writer).
+
+        The time is 0 and the GUID empty where they are unknown.
+        """
+        return [(sample, 0, b"") for sample in self.take(limit)]
 
     def arrived(self, limit: int) -> list[int]:
         """Return the octets of the samples that have arrived since the last call and wait here.

@@ -193,9 +193,9 @@ class DdsReader(TopicReader, Reader):
         """Take samples, oldest first."""
         return [sample for sample, _ in self._take(limit)]
 
-    def take_stamped(self, limit: int) -> list[tuple[bytes, int]]:
-        """Take samples with their source times (Unix ns)."""
-        return [(sample, info.source_timestamp) for sample, info in self._take(limit)]
+    def take_stamped(self, limit: int) -> list[tuple[bytes, int, bytes]]:
+        """Take samples with their source times (Unix ns), without the GUIDs of their writers."""
+        return [(sample, info.source_timestamp, b"") for sample, info in self._take(limit)]
 
     def _take(self, limit: int) -> list[tuple[bytes, Any]]:
         """Take samples with their SampleInfo."""

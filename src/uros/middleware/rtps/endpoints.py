@@ -241,10 +241,10 @@ class RtpsReader(Reader):
         """Take samples, oldest first."""
         return [sample.payload for sample in self.take_samples(limit) if sample.payload is not None]
 
-    def take_stamped(self, limit: int) -> list[tuple[bytes, int]]:
-        """Take samples with their source times (Unix ns), 0 if unknown."""
+    def take_stamped(self, limit: int) -> list[tuple[bytes, int, bytes]]:
+        """Take samples with their source times (Unix ns), 0 if unknown, and their writers."""
         return [
-            (sample.payload, sample.source_ns)
+            (sample.payload, sample.source_ns, sample.writer)
             for sample in self.take_samples(limit)
             if sample.payload is not None
         ]
