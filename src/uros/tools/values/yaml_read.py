@@ -44,6 +44,20 @@ _REMEDIES: Final = (
 
 def read(text: str) -> Node:
     """The value of a document; an empty one is `Plain` and empty. Raises YamlError."""
+    node = compose(text)
+    return Plain("") if node is None else _value(node)
+
+
+def compose(text: str, *tags: str) -> Any:
+    """The root node of a document as PyYAML has it, or None if it is empty.
+
+    Args:
+        text: The document.
+        tags: Tags that are taken besides those of strings, numbers, lists and mappings.
+
+    Raises:
+        YamlError: The text is no YAML, or has what is not taken.
+    """
     import yaml
 
     foreign = yaml.SafeLoader.NON_PRINTABLE.search(text)
@@ -51,13 +65,14 @@ def read(text: str) -> Node:
         what = f"the character {foreign[0]!a} cannot stand in YAML; in double quotes, write it"
         raise _fault(text, foreign.start(), f"{what} as \\x.., \\u.... or \\n")
     loader = _loader()(text)
+    loader.tags = [*_TAGS, *tags]
     nodes = []
     try:
         while loader.check_node():
             nodes.append(loader.get_node())
             if len(nodes) > 1 and (len(nodes) > 2 or nodes[1].value):  # `topic echo` ends by ---
-                raise _at(nodes[-1], "another document begins; give one")
-        return _value(nodes[0]) if nodes else Plain("")
+                raise fault_at(nodes[-1], "another document begins; give one")
+        return nodes[0] if nodes else None
     except yaml.MarkedYAMLError as error:
         tried = ((re.search(said, error.problem), remedy) for said, remedy in _REMEDIES)
         what = next(match.expand(remedy) for match, remedy in tried if match)
@@ -73,7 +88,8 @@ def _fault(text: str, at: int, what: str) -> YamlError:
     return YamlError(f"{where}, at {near!r}: {what}" if near else f"{where}: {what}")
 
 
-def _at(found: Any, what: str) -> YamlError:
+def fault_at(found: Any, what: str) -> YamlError:
+    """The error for a node or an event: where it stands, and what is wrong."""
     return _fault(found.start_mark.buffer, found.start_mark.index, what)
 
 
@@ -83,14 +99,15 @@ def _loader() -> Any:
 
     class Loader(yaml.SafeLoader):  # type: ignore[misc]
         depth = 0
+        tags = _TAGS
 
         def compose_node(self, parent: Any, index: Any) -> Any:
             event = self.peek_event()
-            if isinstance(event, yaml.AliasEvent) or event.tag not in _TAGS:
-                raise _at(event, "this would be an alias or a tag; put the text in quotes")
+            if isinstance(event, yaml.AliasEvent) or event.tag not in self.tags:
+                raise fault_at(event, "this would be an alias or a tag; put the text in quotes")
             self.depth += 1
             if self.depth > _DEEPEST:
-                raise _at(event, f"nested more than {_DEEPEST} deep; give fewer brackets")
+                raise fault_at(event, f"nested more than {_DEEPEST} deep; give fewer brackets")
             node = super().compose_node(parent, index)
             self.depth -= 1
             if node.id == "scalar":
@@ -106,17 +123,24 @@ def _value(node: Any) -> Node:
         return str(node.value) if node.style else Plain(node.value)
     if node.id == "sequence":
         return [_value(item) for item in node.value]
-    pairs: dict[str, Node] = {}
+    return {name: _value(item) for name, item in pairs(node).items()}
+
+
+def pairs(node: Any) -> dict[str, Any]:
+    """The nodes of a mapping by name. Raises YamlError if a name is none, or stands there twice."""
+    found: dict[str, Any] = {}
     for name, item in node.value:
-        key, value = _value(name), _value(item)
+        key = _value(name)
         if not isinstance(key, str) or (key == "<<" and isinstance(key, Plain)):
-            raise _at(name, "the name of a field is a word; write the fields out, without merging")
-        if key in pairs:
-            raise _at(name, f"{str(key)!r} stands there twice; leave one out")
-        if node.flow_style and isinstance(key, Plain) and ":" in key and value == "":
-            raise _at(name, f"a blank is missing behind the colon of {str(key)!r}")
-        pairs[str(key)] = value
-    return pairs
+            raise fault_at(
+                name, "the name of a field is a word; write the fields out, without merging"
+            )
+        if key in found:
+            raise fault_at(name, f"{str(key)!r} stands there twice; leave one out")
+        if node.flow_style and isinstance(key, Plain) and ":" in key and item.value == "":
+            raise fault_at(name, f"a blank is missing behind the colon of {str(key)!r}")
+        found[str(key)] = item
+    return found
 
 
 @cache
@@ -128,11 +152,16 @@ def resolve(text: str) -> None | bool | int | float | str:
     """What YAML 1.1 takes a plain scalar for; text that is no number after all, and a date."""
     from yaml import ScalarNode
 
-    tag = _meanings().resolve(ScalarNode, text, (True, False))
-    if tag in _MEANT and len(text) <= _LONGEST:
+    return construct(ScalarNode(_meanings().resolve(ScalarNode, text, (True, False)), text))
+
+
+def construct(node: Any) -> None | bool | int | float | str:
+    """The value of a composed scalar by its tag; as text where it does not fit the tag."""
+    text = node.value
+    if node.tag in _MEANT and len(text) <= _LONGEST:
         try:
             value: None | bool | int | float
-            value = _meanings().yaml_constructors[tag](_meanings(), ScalarNode(tag, text))
+            value = _meanings().yaml_constructors[node.tag](_meanings(), node)
             return value
         except (ValueError, KeyError, OverflowError):  # 0x_, "yes\n"
             pass
