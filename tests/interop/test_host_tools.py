@@ -21,6 +21,7 @@ from conftest import ROOT
 from support.agent import running_agent
 from support.middleware import MIDDLEWARE, host_node
 from support.peer import RosPeer
+from support.spinning import spinning
 
 from uros.interfaces import load
 from uros.interfaces.codec import from_cdr, to_cdr
@@ -111,30 +112,6 @@ def trigger_board(port, domain):
     node = TriggerService(transport=UdpTransport("127.0.0.1", port), domain_id=domain)
     with spinning(node):
         yield
-
-
-@contextmanager
-def spinning(node):
-    """Spin the node in a thread until the end of the block."""
-    end = threading.Event()
-    failed = []
-
-    def work():
-        try:
-            while not end.is_set():
-                node.spin_once(0.02)
-            node.destroy_node()
-        except BaseException as error:
-            failed.append(error)
-
-    thread = threading.Thread(target=work, daemon=True)
-    thread.start()
-    try:
-        yield node
-    finally:
-        end.set()
-        thread.join()
-    assert not failed, failed
 
 
 @contextmanager

@@ -14,7 +14,7 @@
 ``pages``      Options and opening of the page, for the verbs with a page in a browser
 ``parser``     The parser of every command, whose errors are one line with the choice meant
 ``progress``   The progress of a command that takes seconds, on standard error
-``waiting``    Waits for a topic and finds its type
+``waiting``    Waits for a topic and finds its type; finds a node
 ``agent``      ``uros agent`` and its verbs
 ``bag``        ``uros bag``: a module for each verb
 ``board``      ``uros board``: a module for each verb
@@ -22,10 +22,13 @@
 ``doctor``     ``uros doctor``: a module for each subject that it checks
 ``image``      ``uros image``: a module for each verb
 ``interface``  ``uros interface``: a module for each verb
+``lifecycle``  ``uros lifecycle``: a module for each verb
 ``node``       ``uros node``: a module for each verb
+``param``      ``uros param``: a module for each verb
 ``rover``      ``uros pid`` and ``uros calibrate``: tuning a rover
 ``run``        ``uros run``, and the nodes that it starts
 ``service``    ``uros service``: a module for each verb
+``tf``         ``uros tf``: a module for each verb
 ``topic``      ``uros topic``: a module for each verb
 ``values``     Values of messages as text: YAML, CSV, and options that describe them
 =============  ===================================================================================

@@ -105,6 +105,34 @@ _ROOT: Final = Group(
             },
             "--include-hidden-services",
         ),
+        "lifecycle": Group(
+            "print and change the states of nodes with a life cycle",
+            {
+                "get": Verb("print the states of nodes", "lifecycle.get"),
+                "list": Verb("list the transitions of a node", "lifecycle.list"),
+                "nodes": Verb("list nodes with a life cycle", "lifecycle.nodes"),
+                "set": Verb("trigger a transition of a node", "lifecycle.set"),
+            },
+        ),
+        "param": Group(
+            "print and set parameters of nodes",
+            {
+                "delete": Verb("delete a parameter", "param.delete"),
+                "describe": Verb("print type and constraints of parameters", "param.describe"),
+                "dump": Verb("print all parameters of a node as a file", "param.dump"),
+                "get": Verb("print the value of a parameter", "param.get"),
+                "list": Verb("list parameters", "param.list"),
+                "load": Verb("set parameters from a file", "param.load"),
+                "set": Verb("set parameters", "param.set"),
+            },
+        ),
+        "tf": Group(
+            "print transforms between coordinate frames",
+            {
+                "echo": Verb("print the transform between two frames", "tf.echo"),
+                "tree": Verb("print the tree of frames", "tf.tree"),
+            },
+        ),
         "run": Verb("run an example node of uros", "run.command"),
         "interface": Group(
             "show message, service and action types, and build them for boards",
@@ -139,7 +167,7 @@ _ROOT: Final = Group(
 
 # Commands of ros2 that uros does not have, by the group that they are in; "" is ros2 itself.
 _ROS2: Final[Mapping[str, tuple[str, ...]]] = {
-    "": ("action", "component", "launch", "lifecycle", "param"),
+    "": ("action", "component", "launch"),
     "topic": ("bw", "delay", "find", "type"),
     "service": ("echo", "info"),
 }
@@ -201,11 +229,9 @@ def _run_group(prog: str, group: Group, argv: list[str]) -> int:
     if argv and not argv[0].startswith("-"):
         from .errors import did_you_mean
 
-        close = did_you_mean(argv[0], group.members)
-        elsewhere = "" if close else _elsewhere(group, argv[0])
+        hint = _elsewhere(group, argv[0]) or did_you_mean(argv[0], group.members)
         parser.error(
-            f"there is no command {argv[0]!r}{close}{elsewhere}"
-            f" (commands: {', '.join(group.members)})"
+            f"there is no command {argv[0]!r}{hint} (commands: {', '.join(group.members)})"
         )
     parser.parse_args(argv)
     parser.print_help()

@@ -19,6 +19,10 @@ DISTRO_HELP: Final = (
 )
 
 
+# Seconds to wait for an answer of a node.
+ANSWER_SECONDS: Final = 5.0
+
+
 def add_common(parser: argparse.ArgumentParser) -> None:
     """Declare the options of every verb that joins a domain."""
     parser.add_argument(
@@ -131,6 +135,28 @@ def add_service(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "service", metavar="NAME", type=service_name, help="name of the service, such as /reset"
     )
+
+
+def add_node(parser: argparse.ArgumentParser, nargs: str | None = None) -> None:
+    """Declare the positional argument ``node``."""
+    parser.add_argument(
+        "node", metavar="NODE", nargs=nargs, help="full name of the node, such as /talker"
+    )
+
+
+def add_served_node(parser: argparse.ArgumentParser, nargs: str | None = None) -> None:
+    """Declare ``node`` and the options of the verbs that call the services of nodes."""
+    add_node(parser, nargs)
+    add_common(parser)
+    parser.add_argument(
+        "--include-hidden-nodes", action="store_true",
+        help="hidden nodes too, whose names begin with _, where NODE is not given",
+    )  # fmt: skip
+    parser.add_argument(
+        "--timeout", metavar="S", type=positive_float,
+        help="seconds to wait for the node after discovery (default: 1), and for each of its"
+        f" answers (default: {ANSWER_SECONDS:g})",
+    )  # fmt: skip
 
 
 def add_type(parser: argparse.ArgumentParser) -> None:

@@ -1,4 +1,4 @@
-"""Waits for a topic and finds its type."""
+"""Waits for a topic and finds its type; finds a node."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 # Publishers of a topic often start together: discover all before their QoS is compared.
 _TOGETHER: Final = 1.0
+_NODE_SECONDS: Final = 1.0
 
 
 def warn(text: str) -> None:
@@ -46,3 +47,26 @@ def topic_types(network: Network, topic: str, deadline: float | None = None) -> 
         raise ToolError(f"topic {topic!r} did not appear{remedy(network, topic, graph.topics())}")
     network.settle(_TOGETHER)
     return graph.topics().get(topic) or topic_types(network, topic, deadline)
+
+
+def find_node(network: Network, name: str, seconds: float | None) -> str:
+    """Return the full name of a node of the domain, which is discovered.
+
+    Args:
+        network: The domain.
+        name: The name; the first slash may be missing.
+        seconds: How long to wait for a node that is not there; None for a second, as in ros2.
+
+    Raises:
+        ToolError: There is no such node.
+    """
+    from .. import names
+
+    full_name = names.absolute(name)
+    graph = network.graph
+    wait = _NODE_SECONDS if seconds is None else seconds
+    if not network.spin(lambda: full_name in graph.nodes(), wait):
+        raise ToolError(
+            f"there is no node {full_name!r}{remedy(network, full_name, graph.nodes())}"
+        )
+    return full_name

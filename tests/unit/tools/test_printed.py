@@ -7,7 +7,8 @@ import subprocess
 import sys
 import threading
 import tty
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -34,6 +35,7 @@ from uros.tools.run import listener
 
 STRING = "std_msgs::msg::dds_::String_"
 ADD = "example_interfaces::srv::dds_::AddTwoInts_"
+LIST = "rcl_interfaces::srv::dds_::ListParameters_"
 NAME = HOSTILE + UNENCODABLE
 LINE = HOSTILE.replace("\n", "")
 
@@ -73,6 +75,8 @@ class Hostile:
                 (f"rr/{NAME}Reply", f"{ADD}Response_"),
                 ("rq/addRequest", f"{ADD}{NAME}_Request_"),
                 ("rr/addReply", f"{ADD}{NAME}_Response_"),
+                ("rq/evil/list_parametersRequest", f"{LIST}Request_"),
+                ("rr/evil/list_parametersReply", f"{LIST}Response_"),
                 (f"rt/{NAME}/_action/feedback", f"x::action::dds_::{NAME}_FeedbackMessage_"),
             ):
                 guid = self._participant[:12] + len(self._own).to_bytes(4, "big")
@@ -214,6 +218,158 @@ def service_call(output, hostile, monkeypatch):
     monkeypatch.setattr(service_call, "find_servers", lambda *_: [served])
     monkeypatch.setattr(service_call, "ServiceClient", lambda *_: client)
     output("service", "call", "/x", "std_srvs/srv/Trigger", *hostile, status=0)
+
+
+@pytest.fixture
+def parameters(monkeypatch):
+    """Makes parameter services answer with hostile text; returns the texts by use."""
+    from uros.tools.param import node
+
+    texts = {"name": HOSTILE, "value": LINE}
+
+    def answer(kind, **request):
+        response = load(f"rcl_interfaces/srv/{kind}").Response()
+        value = load("rcl_interfaces/msg/ParameterValue")
+        if kind == "ListParameters":
+            response.result.names = [texts["name"], "text"]
+        elif kind == "GetParameters":
+            text = value(type=4, string_value=texts["value"])
+            response.values = [
+                value(type=9, string_array_value=[HOSTILE]) if name == "list" else text
+                for name in request["names"]
+            ]
+        elif kind == "DescribeParameters":
+            descriptor = load("rcl_interfaces/msg/ParameterDescriptor")(
+                name=HOSTILE, type=200, description=HOSTILE, additional_constraints=HOSTILE
+            )
+            response.descriptors = [descriptor]
+        elif kind == "SetParameters":
+            result = load("rcl_interfaces/msg/SetParametersResult")
+            response.results = [
+                result(successful=each.name == "good", reason=HOSTILE)
+                for each in request["parameters"]
+            ]
+        return response
+
+    monkeypatch.setattr(
+        node.ParameterNode, "_call", lambda self, kind, service, **request: answer(kind, **request)
+    )
+    monkeypatch.setattr(
+        node, "call_all",
+        lambda network, calls, seconds: [
+            answer(call.kind.Request._TYPE.split("/")[-1].removesuffix("_Request"))
+            for call in calls
+        ],
+    )  # fmt: skip
+    return texts
+
+
+def param_list(output, hostile, parameters):
+    for options in ([], ["--param-type"], ["/evil"]):
+        lines = output("param", "list", *options, *hostile, status=0)
+        assert any(printable(HOSTILE) in line for line in lines)
+    output("param", "list", f"/{NAME.replace(FORGED, '')}", *hostile, status=1)
+
+
+def param_get(output, hostile, parameters):
+    for name in ("text", "list"):
+        output("param", "get", "/evil", name, *hostile, status=0)
+
+
+def param_describe(output, hostile, parameters):
+    output("param", "describe", "/evil", "text", *hostile, status=0)
+    output("param", "describe", "/evil", "none", *hostile, status=1)
+
+
+def param_dump(output, hostile, parameters):
+    # PyYAML folds long text, within quotes
+    parameters.update(name=HOSTILE.replace(FORGED, ""), value=LINE.replace(FORGED, ""))
+    output("param", "dump", "/evil", *hostile, status=0)
+
+
+def param_load(output, hostile, parameters, tmp_path):
+    file = tmp_path / "x.yaml"
+    file.write_text("/evil: {ros__parameters: {good: 1, bad: 2}}")
+    output("param", "load", "/evil", file, *hostile, status=1)
+    file.write_text(f"? {json.dumps(HOSTILE)}\n: {{ros__parameters: {{good: 1}}}}\n")
+    output("param", "load", "/evil", file, *hostile, status=1)
+
+
+def param_set(output, hostile, parameters):
+    output("param", "set", "/evil", "good", "1", "bad", LINE[:-1], *hostile, status=1)
+
+
+def param_delete(output, hostile, parameters):
+    output("param", "delete", "/evil", "bad", *hostile, status=1)
+
+
+@pytest.fixture
+def states(monkeypatch, parameters):
+    """Makes lifecycle services answer with hostile text, as those of parameters."""
+    from uros.tools.lifecycle import node
+
+    state = load("lifecycle_msgs/msg/State")(id=1, label=HOSTILE)
+    change = load("lifecycle_msgs/msg/TransitionDescription")(start_state=state, goal_state=state)
+    change.transition.label = HOSTILE
+    answer = SimpleNamespace(available_transitions=[change], success=False)
+    monkeypatch.setattr(node, "_has_life_cycle", lambda network, name: True)
+    monkeypatch.setattr(
+        node, "call_all", lambda network, calls, seconds: [SimpleNamespace(current_state=state)]
+    )
+    for verb in ("list", "set"):
+        module = import_module(f"uros.tools.lifecycle.{verb}")
+        monkeypatch.setattr(module, "call", lambda *args, **options: answer)
+
+
+def lifecycle_nodes(output, hostile, states):
+    for options in ([], ["--json"]):
+        output("lifecycle", "nodes", "-a", *options, *hostile, status=0)
+
+
+def lifecycle_list(output, hostile, states):
+    lines = output("lifecycle", "list", "/evil", *hostile, status=0)
+    assert any(printable(HOSTILE) in line for line in lines)
+
+
+def lifecycle_get(output, hostile, states):
+    output("lifecycle", "get", "/evil", *hostile, status=0)
+
+
+def lifecycle_set(output, hostile, states):
+    output("lifecycle", "set", "/evil", "go", *hostile, status=1)
+    output("lifecycle", "set", "/evil", HOSTILE, *hostile, status=1)
+
+
+def evil_transforms():
+    place = load("geometry_msgs/msg/TransformStamped")
+    message = load("tf2_msgs/msg/TFMessage")()
+    for parent, child, w in (
+        (HOSTILE, "b", 1.0), ("other", "b", 1.0), ("c", LINE, 1.0), (LINE, "c", 1.0),
+        ("d", HOSTILE, 9.0),
+    ):  # fmt: skip
+        message.transforms.append(place(child_frame_id=child))
+        message.transforms[-1].header.frame_id = parent
+        message.transforms[-1].transform.rotation.w = w
+    return message
+
+
+def tf_echo(output, hostile, sends):
+    sends(evil_transforms())
+    for frames in (("other", "b"), (LINE[:-1], "b")):
+        output("tf", "echo", *frames, *hostile, status=0)
+
+
+def tf_tree(output, hostile, sends, monkeypatch):
+    sends(evil_transforms())
+    spin = Network.spin
+
+    def spin_once(network, done, seconds=None):
+        with suppress(KeyboardInterrupt):
+            spin(network, done, seconds)
+
+    monkeypatch.setattr(Network, "spin", spin_once)
+    lines = output("tf", "tree", *hostile, status=1)
+    assert any(printable(HOSTILE) in line for line in lines)
 
 
 def image_view(output, hostile, sends):
@@ -514,6 +670,19 @@ FEEDS = {
     "service type": service_type,
     "service find": service_find,
     "service call": service_call,
+    "lifecycle get": lifecycle_get,
+    "lifecycle list": lifecycle_list,
+    "lifecycle nodes": lifecycle_nodes,
+    "lifecycle set": lifecycle_set,
+    "tf echo": tf_echo,
+    "tf tree": tf_tree,
+    "param delete": param_delete,
+    "param describe": param_describe,
+    "param dump": param_dump,
+    "param get": param_get,
+    "param list": param_list,
+    "param load": param_load,
+    "param set": param_set,
     "run": run_node,
     "interface list": interface_any("list"),
     "interface packages": interface_any("packages"),

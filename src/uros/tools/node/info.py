@@ -5,14 +5,14 @@ from __future__ import annotations
 import argparse
 import sys
 
-from ..common import add_common, discover, join, remedy
+from ..common import add_common, add_node, discover, join, remedy
 from ..errors import ToolError
 from ..listing import add_json, entries, print_json
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of ``uros node info``."""
-    parser.add_argument("node", metavar="NODE", help="full name of the node, such as /talker")
+    add_node(parser)
     add_common(parser)
     parser.add_argument(
         "--include-hidden",

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import argparse
 import sys
+from typing import TYPE_CHECKING
 
 from ..common import add_common, discover, join
 from ..empty import explain_empty_list
 from ..listing import add_json, print_json
+
+if TYPE_CHECKING:
+    from ...host.network import Network
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,13 +26,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
 
 
+def visible_nodes(network: Network, include_hidden: bool) -> list[str]:
+    """Return the full names of the discovered nodes, sorted; a name may occur more than once.
+
+    Args:
+        network: The domain.
+        include_hidden: Whether nodes count whose names begin with ``_``.
+    """
+    return [
+        name
+        for name in network.graph.nodes()
+        if include_hidden or not name.rpartition("/")[2].startswith("_")
+    ]
+
+
 def run(args: argparse.Namespace) -> int:
     """Print the nodes of the domain."""
     with join(args) as network:
         discover(network, args)
-        nodes = network.graph.nodes()
-        if not args.all:
-            nodes = [name for name in nodes if not name.rpartition("/")[2].startswith("_")]
+        nodes = visible_nodes(network, args.all)
         if not nodes:
             explain_empty_list(network)
     if args.count_nodes:

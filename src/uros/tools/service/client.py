@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Final
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from ..common import remedy
 from ..errors import ToolError
@@ -102,9 +102,7 @@ class ServiceClient:
         if self._requester.servers() is None:
             self.wait(lambda: False, _SETTLE)
         elif not self.wait(self.is_matched, seconds):
-            raise ToolError(
-                f"a server of {self._service} was found, but did not match within {seconds:g} s"
-            )
+            raise _unmatched(self._service, seconds)
 
     def is_matched(self) -> bool:
         """Return whether a server has matched, or the middleware does not know."""
@@ -120,14 +118,17 @@ class ServiceClient:
         Raises:
             MiddlewareError: A server would misread it.
         """
-        from ...interfaces.codec import to_cdr
-
-        data = to_cdr(message)
-        number = self._requester.request(data)
+        number = self.try_request(message)
         while number is None:
             self.wait(lambda: False, _POLL)
-            number = self._requester.request(data)
+            number = self.try_request(message)
         return number
+
+    def try_request(self, message: Any) -> int | None:
+        """Send a request as :meth:`request` does; return None if there is no room now."""
+        from ...interfaces.codec import to_cdr
+
+        return self._requester.request(to_cdr(message))
 
     def answer(self, number: int, seconds: float | None) -> Any:
         """Wait for the response to a request.
@@ -149,10 +150,7 @@ class ServiceClient:
                 warn(f"{self._service} has not answered for {patience:g} s; still waiting")
             left = None if seconds is None else seconds - patience
             if not self.wait(came, left):
-                raise ToolError(
-                    f"{self._service} did not answer within {seconds:g} s; is its node busy, or"
-                    " not spinning?"
-                )
+                raise _unanswered(self._service, seconds)
         return self.response(number)
 
     def is_answered(self, number: int) -> bool:
@@ -231,6 +229,76 @@ class RclpyClient(ServiceClient):
         """Delete the client and its middleware; idempotent."""
         super().close()
         self._middleware.close()
+
+
+def _unmatched(service: str, seconds: float | None) -> ToolError:
+    return ToolError(f"a server of {service} was found, but did not match within {seconds:g} s")
+
+
+def _unanswered(service: str, seconds: float | None) -> ToolError:
+    return ToolError(
+        f"{service} did not answer within {seconds:g} s; is its node busy, or not spinning?"
+    )
+
+
+# --- several services at once -------------------------------------------------------------------
+
+
+class Call(NamedTuple):
+    """A request to a service, by the service's full name and class."""
+
+    service: str
+    kind: Any
+    request: Any
+
+
+def call_all(network: Network, calls: Sequence[Call], seconds: float) -> list[Any]:
+    """Call services at the same time.
+
+    Args:
+        network: The domain.
+        calls: What to call.
+        seconds: The timeout for all of them.
+
+    Returns:
+        The response of each call, or a ToolError that says why there is none.
+    """
+    clients = [ServiceClient(network, call.service, call.kind) for call in calls]
+    numbers: dict[int, int] = {}
+    outcomes: dict[int, Any] = {}
+
+    def done() -> bool:
+        for index, (client, call) in enumerate(zip(clients, calls, strict=True)):
+            if index in outcomes:
+                continue
+            try:
+                if index not in numbers and client.is_matched():
+                    number = client.try_request(call.request)
+                    if number is not None:
+                        numbers[index] = number
+                if index in numbers and client.is_answered(numbers[index]):
+                    outcomes[index] = client.response(numbers[index])
+            except _failures() as error:
+                outcomes[index] = ToolError(str(error))
+        return len(outcomes) == len(clients)
+
+    try:
+        network.spin(done, seconds)
+    finally:
+        for client in clients:
+            client.close()
+    for index, call in enumerate(calls):
+        if index not in outcomes:
+            late = _unanswered if index in numbers else _unmatched
+            outcomes[index] = late(call.service, seconds)
+    return [outcomes[index] for index in range(len(calls))]
+
+
+def _failures() -> tuple[type[Exception], ...]:
+    from ...interfaces.errors import InterfaceError
+    from ...middleware.base import MiddlewareError
+
+    return ToolError, MiddlewareError, InterfaceError
 
 
 def _nothing() -> None:
