@@ -70,19 +70,20 @@ def complete_at(joined_at: float, changed_at: float, alone: bool, silent: bool) 
 
 
 class Network:
-    """A node ``/_uros_<pid>`` in ``domain``, and the graph that it discovers.
+    """A node in ``domain``, and the graph that it discovers.
 
     Close it, or use ``with``.
 
     Args:
         domain: The domain.
         middleware: What :func:`uros.middleware.open_middleware` calls it.
+        node_name: The node's name; by default ``_uros_<pid>``, which is hidden.
 
     Raises:
         MiddlewareError: The domain cannot be joined, or the middleware does not know its graph.
     """
 
-    def __init__(self, domain: int, middleware: str = "auto") -> None:
+    def __init__(self, domain: int, middleware: str = "auto", node_name: str = "") -> None:
         opened = open_middleware(middleware)
         self.domain = domain
         self._middleware = opened
@@ -91,7 +92,7 @@ class Network:
         # What takes the rest of the samples of a reader that had more than a batch.
         self._unread: dict[Callable[[], None], None] = {}
         try:
-            self.node = opened.create_node(domain, "/", f"_uros_{os.getpid()}")
+            self.node = opened.create_node(domain, "/", node_name or f"_uros_{os.getpid()}")
             self._joined_at = self._changed_at = time.monotonic()
             discovery = opened.graph(domain, self._on_change, paced=False)
             if discovery is None:
@@ -104,6 +105,11 @@ class Network:
 
     def _on_change(self) -> None:
         self._changed_at = time.monotonic()
+
+    @property
+    def changed_at(self) -> float:
+        """When the graph has changed last (``time.monotonic``)."""
+        return self._changed_at
 
     @property
     def alone(self) -> bool:

@@ -80,6 +80,8 @@ _ROOT: Final = Group(
             {
                 "convert": Verb("write bags with other settings", "bag.convert"),
                 "info": Verb("print information about a bag", "bag.info"),
+                "play": Verb("publish the messages of a bag", "bag.play"),
+                "record": Verb("record topics into a bag", "bag.record"),
                 "recover": Verb("finish a bag whose recording was cut off", "bag.recover"),
                 "reindex": Verb("write metadata.yaml of a bag from its files", "bag.reindex"),
             },

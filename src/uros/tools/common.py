@@ -233,14 +233,20 @@ def service_name(text: str) -> str:
 # --- the network ------------------------------------------------------------------
 
 
-def join(args: argparse.Namespace, middleware: str = "auto") -> Network:
-    """Apply ``--interfaces`` and join the domain. Nothing is discovered yet."""
+def join(args: argparse.Namespace, middleware: str = "auto", node_name: str = "") -> Network:
+    """Apply ``--interfaces`` and join the domain. Nothing is discovered yet.
+
+    Args:
+        args: The command line.
+        middleware: The middleware's name.
+        node_name: The name of the command's node; by default a hidden one.
+    """
     from ..host.network import Network
     from ..middleware.environment import environment_domain
 
     number = args.domain if args.domain is not None else environment_domain()
     know_interfaces(args)
-    return Network(number, middleware)
+    return Network(number, middleware, node_name)
 
 
 def discover(network: Network, args: argparse.Namespace) -> None:

@@ -6,7 +6,43 @@ import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from types import FrameType
+from types import FrameType, TracebackType
+from typing import Any, Final
+
+_STOPPING: Final = (signal.SIGINT, signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM))
+
+
+class StopSignals:
+    """A flag that Ctrl-C, SIGTERM and SIGHUP set for the duration of a block.
+
+    For commands that must end their work in order: nothing is interrupted.
+
+    Attributes:
+        stopped: Whether one of them came.
+    """
+
+    def __init__(self) -> None:
+        self.stopped = False
+        self._before: dict[int, Any] = {}
+
+    def _stop(self, number: int, frame: FrameType | None) -> None:
+        self.stopped = True
+
+    def __enter__(self) -> StopSignals:
+        for number in _STOPPING:
+            # Ctrl-C also where it is ignored, as in a script's background: `kill -INT` ends it.
+            if number == signal.SIGINT or signal.getsignal(number) == signal.SIG_DFL:
+                self._before[number] = signal.signal(number, self._stop)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
 
 
 def end_on_signals() -> None:

@@ -176,6 +176,26 @@ def topic_pub(output, hostile):
            json.dumps({"data": HOSTILE[:-1]}), *hostile, status=0)  # fmt: skip
 
 
+def bag_record(output, hostile, sends, tmp_path):
+    sends(evil_string())  # which interrupts the recording
+    options = ["-a", "--include-unpublished-topics", "-o", tmp_path / "bag", *hostile]
+    lines = output("bag", "record", *options)
+    assert any(printable(NAME) in line for line in lines)
+    output("bag", "record", LINE, *hostile, status=2)
+
+
+def bag_play(output, hostile, sends, tmp_path):
+    text = HOSTILE.replace("\n", "")
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic(TopicMetadata(f"/{text}", "std_msgs/msg/String"))
+        writer.add_topic(TopicMetadata("/x", f"std_msgs/msg/{text}", serialization_format=text))
+    sends(evil_string())
+    lines = output("bag", "play", tmp_path / "bag", *hostile)
+    assert sum(printable(text) in line for line in lines) == 2
+    output("bag", "play", tmp_path / "bag", "-m", text, *hostile, status=2)
+    output("bag", "play", tmp_path / text, *hostile, status=1)
+
+
 def node_list(output, hostile):
     lines = output("node", "list", "-a", *hostile, status=0)
     assert any(printable(NAME) in line for line in lines)
@@ -656,6 +676,8 @@ FEEDS = {
     "topic echo": topic_echo,
     "topic hz": topic_hz,
     "topic pub": topic_pub,
+    "bag play": bag_play,
+    "bag record": bag_record,
     "node list": node_list,
     "node info": node_info,
     "bag convert": bag_convert,

@@ -7,5 +7,18 @@
 ``reindex``        ``uros bag reindex``: write metadata.yaml of a bag from its files
 ``selection``      Which topics are meant: names, types and regular expressions
 ``arguments``      The arguments of the verbs that read one bag
+``play``           ``uros bag play``: publish the messages of a bag
+``record``         ``uros bag record``: record topics into a bag
+``options``        Options that ``uros bag record`` and ``uros bag play`` share
+``selection``      Which topics are meant: names, types and regular expressions
+``qos_choice``     QoS profiles: overrides from a file, and what a player offers
+``recorder``       The subscriptions of a recording
+``message_cache``  The messages between the network and the disk
+``writer_thread``  The thread that writes a recording
+``player``         Publishes messages when they are due
+``play_clock``     The time of a bag while it is played
+``read_ahead``     Reads messages of a bag in a thread, before they are due
+``keyboard``       Single keys of the terminal
+``status_line``    The lines of a command that runs for long, and its state
 =================  ===============================================================================
 """
