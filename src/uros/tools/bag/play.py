@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 from ..common import discover, join, positive_float, positive_int, topic_name
 from ..ending import StopSignals
 from ..errors import ToolError, UsageError, did_you_mean
+from .arguments import add_storage
 from .options import add_running, add_selection, selected
 
 if TYPE_CHECKING:
@@ -50,9 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "-i", "--input", metavar="BAG", action="append", default=[],
         help="a bag to play together with others; may be repeated",
     )  # fmt: skip
-    parser.add_argument(
-        "-s", "--storage", choices=("mcap", "sqlite3"), default="", help=argparse.SUPPRESS
-    )
+    add_storage(parser, "what the bag says")
     add_selection(parser, "play")
     parser.add_argument(
         "-m", "--remap", metavar="OLD:=NEW", nargs="+", default=[],

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Final, Literal
 from ..common import join, positive_int, remedy, topic_name, unsigned_int
 from ..ending import StopSignals
 from ..errors import ToolError, UsageError
+from .arguments import add_storage
 from .options import add_running, add_selection, key_values, selected
 
 if TYPE_CHECKING:
@@ -80,11 +81,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_storage(parser: argparse.ArgumentParser) -> None:
+    add_storage(parser, "mcap")
     group = parser.add_argument_group("storage")
-    group.add_argument(
-        "-s", "--storage", choices=("mcap", "sqlite3"), default="mcap",
-        help="format of the files (default: mcap)",
-    )  # fmt: skip
     group.add_argument(
         "-b", "--max-bag-size", metavar="BYTES", type=unsigned_int, default=0,
         help="begin another file when one has this size (default: 0, never)",
