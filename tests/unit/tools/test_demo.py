@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import pytest
 from support.signals import default_signals
 
-from uros.tools import demo
+from uros.tools import cli, demo
 from uros.tools.errors import ToolError
 
 
@@ -47,6 +47,17 @@ def test_every_topic_is_received_until_the_time_is_over(own_domain_id):
         else:
             assert re.fullmatch(r"\d+\.\d Hz", rate), rate
             assert re.fullmatch(r"\d+\.\d\d ms", delay), delay
+
+
+def test_a_board_that_is_not_ready_in_time_is_an_error_of_one_line(
+    own_domain_id, monkeypatch, capsys
+):
+    monkeypatch.setattr("uros.boards.virtual.engine.runner.START_SECONDS", 0.0)
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    assert cli.main(["demo", "--domain", str(own_domain_id)]) == 1
+    assert capsys.readouterr().err == (
+        "uros: waited 0 s for the board to start: is this machine busy? Try again when it is not\n"
+    )
 
 
 def test_a_missing_sensor_is_reported_as_not_received(own_domain_id):
