@@ -4,14 +4,17 @@ import math
 from pathlib import Path
 
 import pytest
+from support.agent import running_agent
 from support.middleware import host_node
 from support.peer import RosPeer
 from support.spinning import spinning
 from unit.tools.param.test_values import TEXTS
 
+from uros import Node
 from uros.client.parameter import FloatingPointRange, ParameterDescriptor
 from uros.tools import cli
 from uros.tools.param.values import from_text, plain
+from uros.transport.udp import UdpTransport
 
 pytestmark = pytest.mark.timeout(120)
 
@@ -258,14 +261,24 @@ def test_load_says_what_is_set_and_what_is_not(uros, peer, reset, tmp_path):
 # --- boards ---------------------------------------------------------------------------------------
 
 
-def test_parameters_of_a_node_of_uros(uros, domain):
-    node = host_node("motor", domain)
+@pytest.fixture(params=["host", "board"])
+def motor(request, domain):
+    """A node of uros: directly on the network, or on an agent, as those of boards."""
+    if request.param == "host":
+        yield host_node("motor", domain)
+        return
+    with running_agent("udp", "rtps", domain) as agent:
+        transport = UdpTransport("127.0.0.1", agent.transport.port)
+        yield Node("motor", transport, domain_id=domain)
+
+
+def test_parameters_of_a_node_of_uros(uros, motor):
     limits = ParameterDescriptor(
         description="gain", floating_point_range=[FloatingPointRange(0.0, 2.0)]
     )
-    node.declare_parameter("gain", 0.5, limits)
-    node.declare_parameter("pid.limits", [math.inf, -1.0])
-    with spinning(node):
+    motor.declare_parameter("gain", 0.5, limits)
+    motor.declare_parameter("pid.limits", [math.inf, -1.0])
+    with spinning(motor):
         assert uros("param", "list", "/motor", "--param-type") == (
             "  gain (type: double)\n  pid.limits (type: double array)\n"
         )
