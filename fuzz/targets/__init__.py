@@ -13,5 +13,5 @@ No target needs the fuzzing engine: tests play the kept inputs in plain Python.
 
 TARGETS = (
     "datagrams", "serial", "tcp", "can", "xml", "toml", "state", "recording", "modems",
-    "definitions", "board_session", "rtps",
+    "definitions", "board_session", "rtps", "bags",
 )  # fmt: skip
