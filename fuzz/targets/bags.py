@@ -71,7 +71,8 @@ def _refused_or(read) -> None:  # type: ignore[no-untyped-def]
 
 @cache
 def _scratch() -> Path:
-    folder = Path(tempfile.mkdtemp(prefix="uros-fuzz-"))
+    memory = Path("/dev/shm")  # where writing does not wait for a disk
+    folder = Path(tempfile.mkdtemp("", "uros-fuzz-", memory if memory.is_dir() else None))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return folder
 

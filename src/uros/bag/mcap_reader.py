@@ -123,6 +123,8 @@ class McapReader:
         for channel, received, place in messages_in(data, record.start):
             if channel not in self._index.channels:
                 raise Damage(record.start, f"a message of the unknown channel {channel}")
+            if not block.start_ns <= received <= block.end_ns:
+                raise Damage(record.start, "a chunk with wrong times in its index")
             if channel in names and start <= received < stop:
                 times.append(received)
                 places.append(place)

@@ -96,6 +96,9 @@ class SqliteReader:
                 left -= 1
                 if left < 0 or number not in names or not isinstance(data, bytes):
                     raise sqlite3.DatabaseError("the table of messages is damaged")
+                if received < start:
+                    raise sqlite3.DatabaseError("the index of the times is damaged")
+                start = received
                 yield BagMessage(names[number], data, received, received)
         except (sqlite3.Error, ValueError, OverflowError) as error:
             raise self._fault(error) from error
