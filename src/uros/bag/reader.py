@@ -112,50 +112,36 @@ class BagReader:
         if stop_ns is not None:
             waiting = [entry for entry in waiting if entry[0] < stop_ns]
         waiting.reverse()
-        heap: list[tuple[int, int, BagMessage, Iterator[BagMessage], FileReader]] = []
+        heap: list[tuple[int, int, BagMessage, Iterator[BagMessage]]] = []
+        opened: dict[int, FileReader] = {}
         try:
             while waiting or heap:
                 while waiting and (not heap or waiting[-1][0] <= heap[0][0]):
                     _, number = waiting.pop()
-                    reader = open_reader(self._files[number], self._storage)
-                    rest = reader.messages(topics, start_ns, stop_ns)
-                    self._push(heap, number, rest, reader)
+                    opened[number] = open_reader(self._files[number], self._storage)
+                    rest = opened[number].messages(topics, start_ns, stop_ns)
+                    first = next(rest, None)
+                    if first is None:
+                        opened.pop(number).close()
+                    else:
+                        heapq.heappush(heap, (first.received_ns, number, first, rest))
                 if not heap:
                     continue
-                _, number, message, rest, reader = heapq.heappop(heap)
+                _, number, message, rest = heapq.heappop(heap)
                 until = min(
                     waiting[-1][0] if waiting else NO_TIME + 1, heap[0][0] if heap else NO_TIME + 1
                 )
                 yield message
                 for message in rest:
                     if message.received_ns >= until:
-                        entry = (message.received_ns, number, message, rest, reader)
-                        heapq.heappush(heap, entry)
+                        heapq.heappush(heap, (message.received_ns, number, message, rest))
                         break
                     yield message
                 else:
-                    reader.close()
+                    opened.pop(number).close()
         finally:
-            for entry in heap:
-                entry[4].close()
-
-    @staticmethod
-    def _push(
-        heap: list[tuple[int, int, BagMessage, Iterator[BagMessage], FileReader]],
-        number: int,
-        rest: Iterator[BagMessage],
-        reader: FileReader,
-    ) -> None:
-        """Put a file's next message on the heap, or close the file if there is none."""
-        try:
-            message = next(rest, None)
-        except BaseException:
-            reader.close()
-            raise
-        if message is None:
-            reader.close()
-        else:
-            heapq.heappush(heap, (message.received_ns, number, message, rest, reader))
+            for reader in opened.values():
+                reader.close()
 
 
 def _first_time(file: FileInformation) -> int:

@@ -96,7 +96,7 @@ class SqliteReader:
                 left -= 1
                 if left < 0 or number not in names or not isinstance(data, bytes):
                     raise sqlite3.DatabaseError("the table of messages is damaged")
-                if received < start:
+                if not isinstance(received, int) or received < start:
                     raise sqlite3.DatabaseError("the index of the times is damaged")
                 start = received
                 yield BagMessage(names[number], data, received, received)
@@ -162,7 +162,8 @@ class SqliteReader:
         first, last = bag_metadata.NO_TIME, 0
         query = "SELECT topic_id, count(*), min(timestamp), max(timestamp) FROM messages GROUP BY 1"
         for number, count, start, end in self._rows(query):
-            if number not in self.topics or not 0 <= start <= end:
+            are_times = isinstance(start, int) and isinstance(end, int) and 0 <= start <= end
+            if number not in self.topics or not are_times:
                 raise sqlite3.DatabaseError("the table of messages is damaged")
             counts[number] = count
             first, last = min(first, start), max(last, end)
