@@ -5,7 +5,6 @@
 ``info``           ``uros bag info``: print information about a bag
 ``recover``        ``uros bag recover``: finish a bag whose recording was cut off
 ``reindex``        ``uros bag reindex``: write metadata.yaml of a bag from its files
-``selection``      Which topics are meant: names, types and regular expressions
 ``arguments``      The arguments of the verbs that read one bag
 ``play``           ``uros bag play``: publish the messages of a bag
 ``record``         ``uros bag record``: record topics into a bag
