@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 
 from .. import names
 from ..middleware import open_middleware
-from ..middleware.base import MiddlewareError
+from ..middleware.base import MiddlewareError, Reader
 from ..middleware.graph import (
     undiscovered_endpoints,
     with_missed_discovery_info,
@@ -38,8 +38,15 @@ _ALONE: Final = 0.6
 _SLOW: Final = 1.25
 # Seconds without changes after which missing discovery info is read again.
 _ASK_AGAIN: Final = 0.1
-# Most samples taken at once.
+# Most samples taken at once, and before others have their turn.
 _BATCH: Final = 64
+_TURN: Final = 1024
+# Seconds for which samples are delivered before those that came meanwhile are taken. They wait
+# here, where what has no room is counted: a reader of DDS drops the oldest in silence.
+_SLICE: Final = 0.005
+# The most samples that wait here, and the most of their octets.
+_MOST_WAITING: Final = 10_000
+_MOST_OCTETS: Final = 1 << 26
 
 
 class Received(NamedTuple):
@@ -89,6 +96,9 @@ class Network:
         self._middleware = opened
         self._interrupt = Interrupt()
         self._samples: deque[tuple[Callable[[Received], None], Received]] = deque()
+        self._octets = 0  # of these samples
+        self._skipped = 0
+        self._readers: list[Reader] = []
         # What takes the rest of the samples of a reader that had more than a batch.
         self._unread: dict[Callable[[], None], None] = {}
         try:
@@ -136,11 +146,12 @@ class Network:
         ended = False
 
         def on_ready() -> None:
-            samples = reader.take_stamped(_BATCH)
-            for cdr, source_ns, writer in samples:
-                self._samples.append((deliver, Received(cdr, source_ns, time.time_ns(), writer)))
-            if len(samples) == _BATCH:  # deliver these samples first
-                self._unread[on_ready] = None
+            for _ in range(_TURN // _BATCH):
+                samples = reader.take_stamped(_BATCH)
+                self._keep(samples, deliver)
+                if len(samples) < _BATCH:
+                    return
+            self._unread[on_ready] = None  # deliver these samples first
 
         def deliver(received: Received) -> None:
             if not ended:
@@ -148,13 +159,37 @@ class Network:
 
         def end() -> None:
             nonlocal ended
-            ended = True
-            reader.close()
+            if not ended:
+                ended = True
+                self._readers.remove(reader)
+                self._skipped += reader.lost()
+                reader.close()
 
         reader = self.node.create_reader(
             names.topic_to_dds(topic), names.type_to_dds(type_name), qos, on_ready
         )
+        self._readers.append(reader)
         return end
+
+    def _keep(
+        self, samples: list[tuple[bytes, int, bytes]], deliver: Callable[[Received], None]
+    ) -> None:
+        """Keep samples until they are delivered, and count those for which there is no room."""
+        now = time.time_ns()
+        for cdr, source_ns, writer in samples:
+            if len(self._samples) >= _MOST_WAITING or self._octets >= _MOST_OCTETS:
+                self._skipped += 1
+                continue
+            self._octets += len(cdr)
+            self._samples.append((deliver, Received(cdr, source_ns, now, writer)))
+
+    def lost(self) -> int:
+        """Return how many samples of all subscriptions were lost until now.
+
+        Those are samples that the network lost, and those that came too fast to be delivered, as
+        far as the middleware counts them.
+        """
+        return self._skipped + sum(reader.lost() for reader in self._readers)
 
     def spin(self, done: Callable[[], bool], seconds: float | None = None) -> bool:
         """Run the event loop until ``done()``, which is called after every event.
@@ -171,19 +206,27 @@ class Network:
             while True:
                 # The callback runs here and not where samples are taken: it may block on a pipe,
                 # and Ctrl-C must be able to end it.
-                while self._samples:
-                    deliver, received = self._samples.popleft()
-                    deliver(received)
+                self._deliver()
                 if done():
                     return True
                 now = time.monotonic()
                 if end is not None and now >= end:
                     return False
-                if self._unread:
+                if self._samples or self._unread:
                     self._work(0.0)
                     continue
                 due = [at for at in (end, self._middleware.next_deadline()) if at is not None]
                 self._work(max(0.0, min(due) - now) if due else None)
+
+    def _deliver(self) -> None:
+        """Deliver the samples that wait, for some milliseconds at most."""
+        until = time.monotonic() + _SLICE
+        while self._samples:
+            deliver, received = self._samples.popleft()
+            self._octets -= len(received.cdr)
+            deliver(received)
+            if time.monotonic() > until:
+                return
 
     def _work(self, seconds: float | None) -> None:
         """Wait for an event, ``seconds`` at most, and handle it."""

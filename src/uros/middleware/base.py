@@ -104,6 +104,14 @@ class Reader(ABC):
         """
         return []
 
+    def lost(self) -> int:
+        """Return how many samples for it were lost until now, as far as the middleware knows.
+
+        Those are samples that the network lost, that their writer no longer had, or that newer ones
+        replaced here before they were taken.
+        """
+        return 0
+
     @abstractmethod
     def close(self) -> None:
         """Leave the topic; idempotent."""

@@ -16,20 +16,26 @@ class SampleQueue(Generic[Item]):
     Args:
         depth: The most samples; None has no limit.
         size: Returns the octets of a sample.
+
+    Attributes:
+        dropped: How many samples newer ones have replaced.
     """
 
-    __slots__ = ("_samples", "_size", "_unreported")
+    __slots__ = ("_samples", "_size", "_unreported", "dropped")
 
     def __init__(self, depth: int | None, size: Callable[[Item], int]) -> None:
         self._samples: deque[Item] = deque(maxlen=depth)
         self._size = size
         self._unreported = 0  # the newest of them, whose sizes were not asked for
+        self.dropped = 0
 
     def __len__(self) -> int:
         return len(self._samples)
 
     def put(self, sample: Item) -> None:
         """Store a sample."""
+        if len(self._samples) == self._samples.maxlen:
+            self.dropped += 1
         self._samples.append(sample)
         self._unreported += 1
 

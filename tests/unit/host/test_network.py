@@ -8,8 +8,10 @@ import pytest
 from support.signals import default_signals
 
 from uros.host import interrupt
+from uros.host import network as network_module
 from uros.host.network import Network
 from uros.middleware.base import MiddlewareError
+from uros.middleware.rtps.node import RtpsNode
 from uros.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 STRING = "std_msgs/msg/String"
@@ -92,6 +94,46 @@ def test_more_than_one_batch_is_taken_at_once(network):
     for _ in range(200):
         assert writer.write(HELLO)
     assert network.spin(lambda: len(samples) == 200, 10)
+
+
+def test_samples_without_room_are_skipped_and_counted(network, monkeypatch):
+    monkeypatch.setattr(network_module, "_MOST_WAITING", 5)
+    samples = []
+    deep = {"depth": 50, "reliability": ReliabilityPolicy.RELIABLE}
+    stop = network.listen("/x", STRING, QoSProfile(**deep), samples.append)
+    writer = publisher(network, "/x", **deep)
+    for _ in range(20):
+        assert writer.write(HELLO)
+    assert network.spin(lambda: network.lost(), 10)
+    assert (len(samples), network.lost()) == (5, 15)
+    stop()
+    assert network.lost() == 15
+
+
+def test_what_newer_samples_replace_before_it_is_taken(network):
+    """RTPS of uros counts it; Cyclone does not."""
+    samples = []
+    network.listen("/x", STRING, QoSProfile(depth=3), samples.append)
+    writer = publisher(network, "/x")
+    for _ in range(10):
+        assert writer.write(HELLO)
+    assert network.spin(lambda: samples, 10)
+    assert len(samples) == 3
+    assert network.lost() == (7 if isinstance(network.node, RtpsNode) else 0)
+
+
+def test_a_flood_is_delivered_in_slices(network, monkeypatch):
+    """What ends the spin is asked in between, however many samples wait."""
+    monkeypatch.setattr(network_module, "_SLICE", 0.0)
+    samples = []
+    deep = {"depth": 50, "reliability": ReliabilityPolicy.RELIABLE}
+    network.listen("/x", STRING, QoSProfile(**deep), samples.append)
+    writer = publisher(network, "/x", **deep)
+    for _ in range(20):
+        assert writer.write(HELLO)
+    assert network.spin(lambda: samples, 10)
+    assert len(samples) == 1
+    assert network.spin(lambda: len(samples) == 20, 10)
 
 
 def test_time_limits_of_a_spin(network):

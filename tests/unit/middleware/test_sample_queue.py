@@ -19,11 +19,13 @@ STEPS = st.lists(
 def test_each_size_is_reported_once_while_its_sample_waits(depth, steps):
     queue = SampleQueue(depth, len)
     plain = []  # [sample, whether its size was reported]
+    dropped = 0
     for what, value in steps:
         if what == "put":
             queue.put(value)
             plain.append([value, False])
             if depth is not None:
+                dropped += len(plain) > depth
                 plain = plain[-depth:]
         elif what == "take":
             assert queue.take(value) == [sample for sample, _ in plain[:value]]
@@ -33,7 +35,7 @@ def test_each_size_is_reported_once_while_its_sample_waits(depth, steps):
             assert queue.arrived(value) == [len(sample) for sample, _ in new]
             for entry in new:
                 entry[1] = True
-        assert len(queue) == len(plain)
+        assert len(queue) == len(plain) and queue.dropped == dropped
 
 
 def test_clear_forgets_all():

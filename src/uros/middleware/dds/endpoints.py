@@ -8,6 +8,7 @@ USER_DATA of both endpoints. With endpoints of another form nothing is exchanged
 
 from __future__ import annotations
 
+import ctypes
 import struct
 from collections.abc import Callable
 from typing import Any, Final, Protocol
@@ -28,6 +29,10 @@ from .service_peers import MatchedServers, MatchedWriters
 # forged ones, may arrive as fast as they can be sent. The rest is taken in a later turn of the
 # loop.
 _MAX_MISSES: Final = 4
+
+_get_sample_lost_status = cyclone.function(
+    "dds_get_sample_lost_status", ctypes.c_int32, ctypes.c_int32, ctypes.c_void_p
+)
 
 
 class OwningNode(Protocol):
@@ -216,6 +221,17 @@ class DdsReader(TopicReader, Reader):
         if self.paused:
             self.dispatcher.resume(self)
         return sizes
+
+    def lost(self) -> int:
+        """Return how many samples the network has lost.
+
+        Cyclone does not count those that newer ones replaced in its history.
+        """
+        if self._close is None:
+            return 0
+        status = (ctypes.c_uint32 * 2)()  # total, and its change, of dds_sample_lost_status
+        cyclone.check(_get_sample_lost_status(self.entity, status), "count lost samples")
+        return int(status[0])
 
     def close(self) -> None:
         """Delete the reader; idempotent."""

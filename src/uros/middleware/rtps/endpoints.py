@@ -254,6 +254,10 @@ class RtpsReader(Reader):
         self.is_announced = False
         return self._samples.arrived(limit)
 
+    def lost(self) -> int:
+        """Return how many samples were lost on the network, or replaced by newer ones."""
+        return self.local.state.lost() + self._samples.dropped
+
     def again(self) -> None:
         """Have ``on_ready`` called once more."""
         self.is_announced = True

@@ -160,6 +160,7 @@ class StatefulReader:
         self.reliable = reliable
         self.writers: dict[bytes, WriterProxy] = {}
         self.malformed = 0
+        self._lost_before = 0  # of writers that have left
         self.on_change: Callable[[StatefulReader], None] = lambda reader: None
         self._from_first = from_first
         self._deliver = deliver
@@ -183,10 +184,15 @@ class StatefulReader:
         """Remove a writer with what is held of it; idempotent."""
         proxy = self.writers.pop(guid, None)
         if proxy is not None:
+            self._lost_before += proxy.lost
             self.on_change(self)
             self._budget.give_back(proxy.held_octets, proxy.participant)
             for incomplete in proxy.incomplete.values():
                 incomplete.close()
+
+    def lost(self) -> int:
+        """Return how many samples of all writers were lost until now."""
+        return self._lost_before + sum(proxy.lost for proxy in self.writers.values())
 
     def unmatch_participant(self, prefix: bytes) -> None:
         """Remove all writers of a participant."""

@@ -247,7 +247,9 @@ def test_keep_last_passes_over_what_is_no_longer_kept():
     link.settle()
     assert end.numbers == [16, 17, 18, 19, 20]
     (proxy,) = end.reader.writers.values()
-    assert proxy.lost == 15
+    assert proxy.lost == 15 == end.reader.lost()
+    end.reader.unmatch(*end.reader.writers)
+    assert end.reader.lost() == 15
 
 
 def test_keep_all_has_no_room_until_readers_acknowledge():
