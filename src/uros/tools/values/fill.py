@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from ..errors import ToolError, did_you_mean
 from . import plain
-from .yaml_read import Node, Plain, YamlError, read, resolve
+from .yaml_read import Node, Plain, YamlError, read, read_all, resolve
 
 _RANGES: Final = {
     "octet": (0, 0xFF),
@@ -46,12 +46,36 @@ class Filled:
     """
 
     def __init__(self, message_class: Any, text: str) -> None:
-        self.message = message_class()
-        self._stamps: list[Any] = []
         try:
             node = read(text)
         except YamlError as error:
             raise ToolError(f"the values are not YAML: {error}") from error
+        self._set(message_class, node)
+
+    @classmethod
+    def each(cls, message_class: Any, text: str) -> list[Filled]:
+        """Return a filled message for each document of a YAML text, without the empty ones.
+
+        Raises:
+            ToolError: The text is not YAML, or a document does not fit the message.
+        """
+        try:
+            nodes = read_all(text)
+        except YamlError as error:
+            raise ToolError(f"this is not YAML: {error}") from error
+        messages = []
+        for number, node in enumerate(nodes, 1):
+            filled = cls.__new__(cls)
+            try:
+                filled._set(message_class, node)
+            except ToolError as error:
+                raise ToolError(f"message {number}: {error}") from error
+            messages.append(filled)
+        return messages
+
+    def _set(self, message_class: Any, node: Node) -> None:
+        self.message = message_class()
+        self._stamps: list[Any] = []
         if isinstance(node, Plain) and not node:
             node = {}
         if not isinstance(node, dict):

@@ -8,10 +8,13 @@ from __future__ import annotations
 
 import re
 from array import array
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache, lru_cache
 from typing import Any, Final
 
 from ...printable import printable
+from ..errors import did_you_mean
 from .yaml_text import Value
 
 _ARRAY: Final = re.compile(r"(?P<inner>.+)\[(?P<size>\d+)\]")
@@ -29,6 +32,9 @@ _CODES: Final = {
     "double": "d",
 }
 _CUT: Final = "..."
+_NUMBER: Final = r"(?:-?\d{1,9})?"
+_INDEX: Final = rf"\[(?:-?\d{{1,9}}|{_NUMBER}(?::{_NUMBER}){{1,2}})\]"
+_STEP: Final = re.compile(rf"(?P<name>[A-Za-z]\w*)(?P<indices>(?:{_INDEX})*)", re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -76,6 +82,7 @@ def _plain(value: Any, kind: str, show: Show) -> Value:
     return plain(value, show)
 
 
+@lru_cache(maxsize=1024)
 def element(kind: str) -> str:
     """Return the type of an array's elements; empty for other types."""
     match = _ARRAY.fullmatch(kind) or _SEQUENCE.fullmatch(kind)
@@ -143,23 +150,109 @@ class FieldError(ValueError):
     """A message does not have a field. The text lists its fields."""
 
 
-def select(message: Any, path: list[str]) -> tuple[Any, str]:
-    """Return the value that a path of fields leads to, and its type ("" for a message).
+FieldPath = Sequence[str | int | slice]
+
+
+def parse_path(text: str) -> FieldPath:
+    """Return the steps of a path such as ``poses[0].position`` or ``ranges[2:5]``.
 
     Raises:
-        FieldError: There is no such field.
+        ValueError: It is not a path.
+    """
+    path: list[str | int | slice] = []
+    for part in filter(None, text.split(".")):
+        match = _STEP.fullmatch(part)
+        if match is None:
+            raise ValueError(f"{part!r} is not a field, with an index such as [0] or [2:5]")
+        path.append(match["name"])
+        for inside in re.findall(r"[-\d:]+", match["indices"]):
+            numbers = [int(number) if number else None for number in inside.split(":")]
+            if 0 in numbers[2:]:
+                raise ValueError(f"[{inside}] has a step of 0")
+            path.append(slice(*numbers) if ":" in inside else int(inside))
+    if not path:
+        raise ValueError("it names no field")
+    return path
+
+
+def select(message: Any, path: FieldPath) -> tuple[Any, str]:
+    """Return the value that a path leads to, and its type ("" for a message).
+
+    The steps after a slice are taken in each of its elements; the value is then a list.
+
+    Raises:
+        FieldError: There is no such field, or no such element.
     """
     value, kind = message, ""
     for depth, step in enumerate(path):
-        if not is_message(value):
-            raise FieldError(f"{'.'.join(path[:depth])} is a {kind}, which has no fields")
-        known = {name: (found, type_name) for name, type_name, found in fields(value)}
-        if step not in known:
-            raise FieldError(
-                f"{value._TYPE} has no field {step!r}; it has {', '.join(known) or 'none'}"
-            )
-        value, kind = known[step]
+        if not isinstance(step, str):
+            value, kind = _element(value, kind, step, path_text(path[:depth]))
+        elif is_message(value):
+            value, kind = field(value, step), field_type(value, step)
+        elif "/" in kind and isinstance(path[depth - 1], slice):
+            found = [select(item, path[depth:]) for item in value]
+            inner = found[0][1] if found else "elements"
+            return [item for item, _ in found], f"sequence<{inner or 'messages'}>"
+        else:
+            raise FieldError(f"{path_text(path[:depth])} is a {kind}, which has no fields")
     return value, "" if is_message(value) else kind
+
+
+def _element(value: Any, kind: str, index: int | slice, where: str) -> tuple[Any, str]:
+    inner = element(kind)
+    if not inner:
+        raise FieldError(f"{where} is a {kind or value._TYPE}, which has no elements")
+    if isinstance(index, slice):
+        return value[index], f"sequence<{inner}>"
+    try:
+        return value[index], inner
+    except IndexError:
+        raise FieldError(f"{where} has {len(value)} elements, and so no [{index}]") from None
+
+
+def path_text(path: FieldPath) -> str:
+    """Return a path as it is written."""
+    text = ""
+    for step in path:
+        if isinstance(step, str):
+            text += f".{step}" if text else step
+        elif isinstance(step, int):
+            text += f"[{step}]"
+        else:
+            ends = [step.start, step.stop] + [step.step] * (step.step is not None)
+            text += f"[{':'.join('' if end is None else str(end) for end in ends)}]"
+    return text
+
+
+@cache
+def _slots(message_class: Any) -> dict[str, tuple[str, str]]:
+    """Return the attribute and the type of each field."""
+    return {
+        name: (slot, kind)
+        for (name, kind), slot in zip(message_class._FIELDS, message_class.__slots__, strict=True)
+    }
+
+
+def field(value: Any, name: str) -> Any:
+    """Return the value of a field.
+
+    Raises:
+        FieldError: ``value`` is no message, or has no such field.
+    """
+    if not is_message(value):
+        raise FieldError(f"a {type(value).__name__} has no field {name!r}")
+    known = _slots(value.__class__)
+    if name not in known:
+        raise FieldError(
+            f"{value._TYPE} has no field {name!r}; it has {', '.join(known) or 'none'}"
+            f"{did_you_mean(name, known)}"
+        )
+    return getattr(value, known[name][0])
+
+
+def field_type(message: Any, name: str) -> str:
+    """Return the type of a field that the message has."""
+    return _slots(message.__class__)[name][1]
 
 
 def is_message(value: Any) -> bool:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Final
 
-from ..common import positive_float, unsigned_int
-from .qos_subscribe import PRESETS
+from ..common import unsigned_int
+from .qos_subscribe import PRESETS, add_liveliness, liveliness
 
 if TYPE_CHECKING:
     from ...qos import QoSProfile
@@ -42,15 +42,7 @@ def add_qos_arguments(parser: argparse.ArgumentParser) -> None:
         choices=(_SYSTEM, "transient_local", "volatile", _ADAPTS),
         help="transient_local: later subscriptions receive the last --qos-depth messages",
     )
-    group.add_argument(
-        "--qos-liveliness", choices=(_SYSTEM, "automatic", "manual_by_topic", _ADAPTS)
-    )
-    group.add_argument(
-        "--qos-liveliness-lease-duration-seconds",
-        metavar="S",
-        type=positive_float,
-        help="lease duration, after which a silent manual_by_topic publisher is not alive",
-    )
+    add_liveliness(group)
 
 
 def choose(args: argparse.Namespace) -> QoSProfile:
@@ -62,7 +54,6 @@ def choose(args: argparse.Namespace) -> QoSProfile:
     from ...qos import (
         DurabilityPolicy,
         HistoryPolicy,
-        LivelinessPolicy,
         QoSProfile,
         ReliabilityPolicy,
     )
@@ -74,8 +65,7 @@ def choose(args: argparse.Namespace) -> QoSProfile:
         best_effort = args.qos_reliability == "best_effort"
     if args.qos_durability is not None:
         transient_local = args.qos_durability == "transient_local"
-    manual = args.qos_liveliness == "manual_by_topic"
-    lease = args.qos_liveliness_lease_duration_seconds
+    policy, lease_ms = liveliness(args)
     return QoSProfile(
         depth=args.qos_depth or depth,
         history=(
@@ -85,6 +75,6 @@ def choose(args: argparse.Namespace) -> QoSProfile:
         durability=(
             DurabilityPolicy.TRANSIENT_LOCAL if transient_local else DurabilityPolicy.VOLATILE
         ),
-        liveliness=LivelinessPolicy.MANUAL_BY_TOPIC if manual else LivelinessPolicy.AUTOMATIC,
-        liveliness_lease_ms=None if lease is None else max(1, round(lease * 1000)),
+        liveliness=policy,
+        liveliness_lease_ms=lease_ms,
     )

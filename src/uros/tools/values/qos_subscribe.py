@@ -6,13 +6,14 @@ import argparse
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
-from ..common import unsigned_int
+from ..common import positive_float, unsigned_int
 
 if TYPE_CHECKING:
     from ...qos import QoSProfile
 
-# Enough for a burst while the terminal is slow. Discovery does not tell a publisher's depth.
-_DEFAULT_DEPTH: Final = 100
+# A tenth of a second at 10,000 messages a second, for when the machine gives the command no time.
+# Discovery does not tell a publisher's depth.
+_DEFAULT_DEPTH: Final = 1000
 
 # name → (depth, best effort, transient local), from rmw/qos_profiles.h
 PRESETS: Final = {
@@ -58,6 +59,32 @@ def add_qos_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--qos-durability", choices=("system_default", "transient_local", "volatile", _ADAPTS)
     )
+    add_liveliness(group)
+
+
+def add_liveliness(group: argparse._ArgumentGroup) -> None:
+    """Declare the options of liveliness, of a publisher or a subscription."""
+    group.add_argument(
+        "--qos-liveliness", choices=("system_default", "automatic", "manual_by_topic", _ADAPTS)
+    )
+    group.add_argument(
+        "--qos-liveliness-lease-duration-seconds",
+        metavar="S",
+        type=positive_float,
+        help="lease duration, after which a silent manual_by_topic publisher is not alive",
+    )
+
+
+def liveliness(args: argparse.Namespace) -> tuple[int, int | None]:
+    """Return the liveliness that the options name, and its lease duration in ms."""
+    from ...qos import LivelinessPolicy
+
+    manual = args.qos_liveliness == "manual_by_topic"
+    lease = args.qos_liveliness_lease_duration_seconds
+    return (
+        LivelinessPolicy.MANUAL_BY_TOPIC if manual else LivelinessPolicy.AUTOMATIC,
+        None if lease is None else max(1, round(lease * 1000)),
+    )
 
 
 def choose(args: argparse.Namespace, offered: Sequence[QoSProfile]) -> tuple[QoSProfile, list[str]]:
@@ -79,6 +106,7 @@ def choose(args: argparse.Namespace, offered: Sequence[QoSProfile]) -> tuple[QoS
         best_effort = reliability != "reliable"
     if durability is not None:
         transient_local = durability == "transient_local"
+    policy, lease_ms = liveliness(args)
     profile = QoSProfile(
         depth=args.qos_depth or depth,
         history=(
@@ -88,6 +116,8 @@ def choose(args: argparse.Namespace, offered: Sequence[QoSProfile]) -> tuple[QoS
         durability=(
             DurabilityPolicy.TRANSIENT_LOCAL if transient_local else DurabilityPolicy.VOLATILE
         ),
+        liveliness=policy,
+        liveliness_lease_ms=lease_ms,
     )
     notes = adapt(profile, offered, reliability is not None, durability is not None)
     if reliability == "reliable" and not all(qos.reliable for qos in offered):

@@ -48,6 +48,12 @@ def read(text: str) -> Node:
     return Plain("") if node is None else _value(node)
 
 
+def read_all(text: str) -> list[Node]:
+    """The values of all documents but the empty ones. Raises YamlError."""
+    values = [_value(node) for node in _compose(text, (), several=True)]
+    return [value for value in values if value != "" or type(value) is str]
+
+
 def compose(text: str, *tags: str) -> Any:
     """The root node of a document as PyYAML has it, or None if it is empty.
 
@@ -58,6 +64,11 @@ def compose(text: str, *tags: str) -> Any:
     Raises:
         YamlError: The text is no YAML, or has what is not taken.
     """
+    nodes = _compose(text, tags, several=False)
+    return nodes[0] if nodes else None
+
+
+def _compose(text: str, tags: tuple[str, ...], several: bool) -> list[Any]:
     import yaml
 
     foreign = yaml.SafeLoader.NON_PRINTABLE.search(text)
@@ -70,9 +81,10 @@ def compose(text: str, *tags: str) -> Any:
     try:
         while loader.check_node():
             nodes.append(loader.get_node())
-            if len(nodes) > 1 and (len(nodes) > 2 or nodes[1].value):  # `topic echo` ends by ---
+            # `topic echo` ends by ---
+            if not several and len(nodes) > 1 and (len(nodes) > 2 or nodes[1].value):
                 raise fault_at(nodes[-1], "another document begins; give one")
-        return nodes[0] if nodes else None
+        return nodes
     except yaml.MarkedYAMLError as error:
         tried = ((re.search(said, error.problem), remedy) for said, remedy in _REMEDIES)
         what = next(match.expand(remedy) for match, remedy in tried if match)

@@ -1,4 +1,6 @@
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from uros.interfaces import load
 from uros.tools.values import plain as values
@@ -99,3 +101,65 @@ def test_unknown_fields(path, said):
     with pytest.raises(values.FieldError) as caught:
         values.select(image(), path.split("."))
     assert said in str(caught.value)
+
+
+# --- paths ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "text, steps",
+    [
+        ("a", ["a"]),
+        ("a.b_2", ["a", "b_2"]),
+        (".a..b.", ["a", "b"]),
+        ("a[0].b[-1]", ["a", 0, "b", -1]),
+        ("a[1:3]", ["a", slice(1, 3)]),
+        ("a[::2][:]", ["a", slice(None, None, 2), slice(None, None)]),
+    ],
+)
+def test_paths(text, steps):
+    assert values.parse_path(text) == steps
+    assert values.parse_path(values.path_text(steps)) == steps
+
+
+@pytest.mark.parametrize(
+    "text", ["", ".", "a[]", "a[x]", "a[1:2:3:4]", "a[--1]", "a[0", "[0]", "a b", "1a", "a[::0]"]
+)
+def test_what_is_no_path(text):
+    with pytest.raises(ValueError):
+        values.parse_path(text)
+
+
+@given(st.text("ab_.[]:-019 \u0663", max_size=30))
+def test_any_text_is_a_path_or_a_value_error(text):
+    try:
+        steps = values.parse_path(text)
+    except ValueError:
+        return
+    assert values.parse_path(values.path_text(steps)) == steps
+
+
+def test_elements_and_slices():
+    pose = load("geometry_msgs/msg/Pose")
+    message = load("geometry_msgs/msg/PoseArray")(poses=[pose(), pose()])
+    message.poses[1].position.x = 2.5
+
+    def selected(text):
+        return values.text(*values.select(message, values.parse_path(text)))
+
+    assert selected("poses[1].position.x") == "2.5"
+    assert selected("poses[:].position.x") == "array('d', [0.0, 2.5])"
+    assert selected("poses[5:].position") == "[]"
+    stamp, kind = values.select(message, ["poses", 0, "position"])
+    assert kind == "" and stamp._TYPE == "geometry_msgs/msg/Point"
+    for text, said in (
+        ("poses[2]", "poses has 2 elements, and so no [2]"),
+        ("header[0]", "header is a std_msgs/Header, which has no elements"),
+        ("poses[0][0]", "poses[0] is a geometry_msgs/Pose, which has no elements"),
+        ("poses.position", "poses is a sequence<geometry_msgs/Pose>, which has no fields"),
+        ("poses[:].x", "geometry_msgs/msg/Pose has no field 'x'"),
+        ("header.frame_id[0:1]", "header.frame_id is a string, which has no elements"),
+    ):
+        with pytest.raises(values.FieldError) as caught:
+            selected(text)
+        assert said in str(caught.value)
