@@ -118,6 +118,7 @@ FULL = {
         "pages",
         "parser",
         "progress",
+        "sim_time",
         "waiting",
     },
 }

@@ -14,6 +14,7 @@
 ``pages``      Options and opening of the page, for the verbs with a page in a browser
 ``parser``     The parser of every command, whose errors are one line with the choice meant
 ``progress``   The progress of a command that takes seconds, on standard error
+``sim_time``   Simulation time: ``-s/--use-sim-time``, and the time that the topic ``/clock`` tells
 ``waiting``    Waits for a topic and finds its type; finds a node
 ``agent``      ``uros agent`` and its verbs
 ``bag``        ``uros bag``: a module for each verb

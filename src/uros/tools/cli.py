@@ -60,11 +60,15 @@ _ROOT: Final = Group(
         "topic": Group(
             "list, print and publish topics",
             {
-                "list": Verb("list topics", "topic.list"),
-                "info": Verb("print information about a topic", "topic.info"),
+                "bw": Verb("print the bandwidth that topics use", "topic.bw"),
+                "delay": Verb("print how old messages are, by their header", "topic.delay"),
                 "echo": Verb("print messages of a topic", "topic.echo"),
+                "find": Verb("list topics of a type", "topic.find"),
                 "hz": Verb("print the average publishing rate of topics", "topic.hz"),
+                "info": Verb("print information about a topic", "topic.info"),
+                "list": Verb("list topics", "topic.list"),
                 "pub": Verb("publish messages to a topic", "topic.pub"),
+                "type": Verb("print the type of a topic", "topic.type"),
             },
             "--include-hidden-topics",
         ),
@@ -170,7 +174,6 @@ _ROOT: Final = Group(
 # Commands of ros2 that uros does not have, by the group that they are in; "" is ros2 itself.
 _ROS2: Final[Mapping[str, tuple[str, ...]]] = {
     "": ("action", "component", "launch"),
-    "topic": ("bw", "delay", "find", "type"),
     "service": ("echo", "info"),
 }
 

@@ -159,6 +159,14 @@ def add_served_node(parser: argparse.ArgumentParser, nargs: str | None = None) -
     )  # fmt: skip
 
 
+def add_node_name(parser: argparse.ArgumentParser) -> None:
+    """Declare ``-n/--node-name``, to pass to `join`."""
+    parser.add_argument(
+        "-n", "--node-name", metavar="NAME", type=node_name,
+        help="name of the command's own node (default: a hidden one, _uros_ and a number)",
+    )  # fmt: skip
+
+
 def add_type(parser: argparse.ArgumentParser) -> None:
     """Declare the positional argument ``type``, of any kind."""
     parser.add_argument(
@@ -215,6 +223,17 @@ def topic_name(text: str) -> str:
             " no digit behind a slash"
         )
     return name
+
+
+def node_name(text: str) -> str:
+    """Parse the name of a node, without a namespace."""
+    from .. import names
+
+    if "/" in text or not names.is_valid(f"/{text}"):
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not a node name: use letters, digits and single _, and no digit first"
+        )
+    return text
 
 
 def service_name(text: str) -> str:

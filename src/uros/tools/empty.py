@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any, Final
 
 from ..printable import printable
 from .common import why_alone
-from .errors import ToolError
+from .errors import ToolError, did_you_mean
+from .waiting import warn
 
 if TYPE_CHECKING:
     from ..host.network import Network
@@ -28,6 +29,21 @@ def explain_empty_list(network: Network) -> None:
         _say(reason)
     if len(reasons) > _MOST:
         _say(f"and {len(reasons) - _MOST} more agents: 'uros agent status' lists them")
+
+
+def explain_unknown_type(wanted: str, listed: Iterable[Iterable[str]]) -> None:
+    """Warn if a type has no known definition, and suggest similar ones.
+
+    Args:
+        wanted: The type, which nothing on the network has.
+        listed: The types of each entity on the network.
+    """
+    from ..interfaces import registry
+
+    if not registry.exists(wanted):
+        present = {name for types in listed for name in types}
+        close = did_you_mean(wanted, [*present, *registry.list_types()])
+        warn(f"no definition of the type {wanted} is known{close}")
 
 
 def _say(text: str) -> None:

@@ -77,7 +77,6 @@ def test_version(capsys):
             ["launch", "x"],
             "there is no command 'launch'; boards are ordinary nodes for 'ros2 launch' of",
         ),
-        (["topic", "bw", "/x"], "'bw'; boards are ordinary nodes for 'ros2 topic bw' of ROS 2 (c"),
         (["wtf"], "'wtf'; uros doctor does that (commands: "),
         (["--topic"], "unrecognized arguments: --topic"),
         (["topic", "echo", "/x", "--onec"], "--onec; did you mean '--once'?"),

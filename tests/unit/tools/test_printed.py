@@ -156,7 +156,10 @@ def topic_info(output, hostile):
 
 def topic_echo(output, hostile, sends):
     sends(evil_string())
-    for options in ([], ["--csv"], ["--raw"], ["-i"], ["--flow-style"]):
+    for options in (
+        [], ["--csv"], ["--raw"], ["-i"], ["--flow-style"], ["--clear"],
+        ["--csv", "--field", "data", "--field", "data"], ["--filter", "m.data"],
+    ):  # fmt: skip
         output("topic", "echo", "/chatter", "--once", *hostile, *options, status=0)
     output("topic", "echo", "/mixed", *hostile, status=1)
     output("topic", "echo", "/typed", *hostile, status=1)
@@ -166,6 +169,33 @@ def topic_echo(output, hostile, sends):
 def topic_hz(output, hostile, sends):
     sends(evil_string())
     output("topic", "hz", "/typed", "/mixed", *hostile, status=0)
+    output("topic", "hz", "/chatter", "--filter", "m.data", *hostile, status=0)
+    output("topic", "hz", "/chatter", "--filter", "int(m.data)", *hostile, status=1)
+    output("topic", "hz", "--all", "--filter", "m.data", *hostile, status=0)
+
+
+def topic_bw(output, hostile, sends):
+    sends(evil_string())
+    output("topic", "bw", "/typed", "/mixed", *hostile, status=0)
+    output("topic", "bw", "--all", "--include-hidden-topics", *hostile, status=0)
+
+
+def topic_delay(output, hostile, sends):
+    sends(load("std_msgs/msg/Header")(frame_id=HOSTILE))
+    output("topic", "delay", "/image", *hostile, status=0)
+    output("topic", "delay", "/typed", *hostile, status=1)
+
+
+def topic_find(output, hostile):
+    lines = output("topic", "find", "std_msgs/msg/String", *hostile, status=0)
+    assert any(printable(NAME) in line for line in lines)
+    output("topic", "find", NAME, *hostile, status=0)
+
+
+def topic_type(output, hostile):
+    lines = output("topic", "type", "/typed", *hostile, status=0)
+    assert any(printable(NAME) in line for line in lines)
+    output("topic", "type", "/typt", *hostile, status=1)
 
 
 def topic_pub(output, hostile):
@@ -675,6 +705,10 @@ FEEDS = {
     "topic info": topic_info,
     "topic echo": topic_echo,
     "topic hz": topic_hz,
+    "topic bw": topic_bw,
+    "topic delay": topic_delay,
+    "topic find": topic_find,
+    "topic type": topic_type,
     "topic pub": topic_pub,
     "bag play": bag_play,
     "bag record": bag_record,

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable
 
 from ..common import add_common, join
-from ..empty import explain_empty_list
-from ..errors import did_you_mean
+from ..empty import explain_empty_list, explain_unknown_type
 from ..listing import add_json, entries, print_json
-from ..waiting import warn
 from .list import add_hidden, services
 
 
@@ -26,16 +23,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
 
 
-def _check_type(wanted: str, listed: Iterable[list[str]]) -> None:
-    """Warn about a type that no service has, and that is not known either."""
-    from ...interfaces import registry
-
-    if not registry.exists(wanted):
-        present = {name for types in listed for name in types}
-        close = did_you_mean(wanted, [*present, *registry.list_types()])
-        warn(f"no definition of the type {wanted} is known{close}")
-
-
 def run(args: argparse.Namespace) -> int:
     """Print the services of a type."""
     package, _, name = args.type.partition("/")
@@ -45,7 +32,7 @@ def run(args: argparse.Namespace) -> int:
         matches = {service: types for service, types in listed.items() if wanted in types}
         if not matches:
             explain_empty_list(network)
-            _check_type(wanted, listed.values())
+            explain_unknown_type(wanted, listed.values())
     if args.count_services:
         print(len(matches))
     elif args.json:

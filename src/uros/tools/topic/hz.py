@@ -4,58 +4,74 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
-import time
 from collections import deque
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from ..common import add_common, add_topic, discover, join, positive_int
-from ..waiting import topic_types
+from ..values.expression import Expression
+from ..values.message_reader import MessageReader
+from ..values.typed_values import load_message
+from .measure import Count, add_topics, check_topics, measure, table
+from .measure import add_arguments as add_measuring
+
+if TYPE_CHECKING:
+    from ...host.network import Received
 
 _WINDOW: Final = 10000
-_PERIOD: Final = 1.0
-_DEPTH: Final = 1000  # for all messages of one period
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of ``uros topic hz``."""
-    add_topic(parser, "+")
-    add_common(parser)
+    add_topics(parser)
+    add_measuring(parser, _WINDOW)
     parser.add_argument(
-        "-w",
-        "--window",
-        metavar="N",
-        type=positive_int,
-        default=_WINDOW,
-        help=f"average over so many messages (default: {_WINDOW})",
+        "--filter",
+        metavar="EXPR",
+        help="count only messages m for which this expression is true, such as 'm.data > 3'",
     )
-    parser.add_argument("--wall-time", action="store_true", help=argparse.SUPPRESS)
+    parser.add_argument(
+        "--wall-time", action="store_true", help="use the system's time, even with --use-sim-time"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the rates once a second until Ctrl-C."""
-    from ...qos import QoSProfile, ReliabilityPolicy
+    """Print the rates once a second until Ctrl-C.
 
-    topics = list(dict.fromkeys(args.topic))
-    rates = {topic: Rate(args.window) for topic in topics}
-    try:
-        with join(args) as network:
-            discover(network, args)
-            for topic in topics:
-                rate = rates[topic]
-                for type_name in topic_types(network, topic):
-                    network.listen(
-                        topic,
-                        type_name,
-                        QoSProfile(_DEPTH, ReliabilityPolicy.BEST_EFFORT),
-                        lambda _got, rate=rate: rate.add(time.monotonic_ns()),  # type: ignore[misc]
-                    )
-            while True:
-                network.spin(lambda: False, _PERIOD)
-                sys.stdout.write(report(rates))
-                sys.stdout.flush()
-    except KeyboardInterrupt:
-        return 0
+    Raises:
+        UsageError: The filter is not an expression, or there is no topic.
+        ToolError: The filter does not fit the messages.
+    """
+    check_topics(args)
+    expression = None if args.filter is None else Expression(args.filter)
+    args.use_sim_time = args.use_sim_time and not args.wall_time
+
+    def counting(rate: Rate, type_name: str) -> Count:
+        if expression is None:
+            return lambda _received, now_ns: rate.add(now_ns)
+        return _Filtered(rate, expression, load_message(type_name)).count
+
+    return measure(
+        args,
+        None if args.all else args.topic,
+        lambda: Rate(args.window),
+        counting,
+        lambda rates, _now: report(rates, len(rates) == 1 and not args.all),
+        args.all or len(args.topic) > 1,
+    )
+
+
+class _Filtered:
+    """Counts the messages that an expression accepts."""
+
+    def __init__(self, rate: Rate, expression: Expression, message_class: Any) -> None:
+        self._rate = rate
+        self._wanted = expression.check(message_class)
+        self._reader = MessageReader(message_class)
+
+    def count(self, received: Received, now_ns: int) -> None:
+        """Count a message."""
+        message = self._reader.read(received.cdr)
+        if message is not None and self._wanted(message):
+            self._rate.add(now_ns)
 
 
 class Statistics(NamedTuple):
@@ -83,6 +99,12 @@ class Rate:
             self._fresh = True
         self._last = now_ns
 
+    def reset(self) -> None:
+        """Forget all messages."""
+        self._gaps.clear()
+        self._last = None
+        self._fresh = False
+
     def statistics(self) -> Statistics | None:
         """Return the statistics, or None if no message came since the last call."""
         if not self._fresh:
@@ -100,19 +122,21 @@ class Rate:
         )
 
 
-def report(rates: dict[str, Rate]) -> str:
-    """Return what ros2 prints once a second; nothing if no message came."""
+def report(rates: dict[str, Rate], single: bool) -> str:
+    """Return what ros2 prints once a second; nothing if no message came.
+
+    Args:
+        rates: The rates by topic.
+        single: Whether to print the form for one topic instead of a table.
+    """
     statistics = {topic: stats for topic, rate in rates.items() if (stats := rate.statistics())}
-    if not statistics:
-        return ""
-    if len(rates) == 1:
-        (stats,) = statistics.values()
-        return (
+    if single:
+        return "".join(
             f"average rate: {stats.rate:.3f}\n"
             f"\tmin: {stats.shortest:.3f}s max: {stats.longest:.3f}s"
             f" std dev: {stats.deviation:.5f}s window: {stats.window}\n"
+            for stats in statistics.values()
         )
-    head = ("topic", "rate", "min_delta", "max_delta", "std_dev", "window")
     rows = [
         (
             topic,
@@ -124,13 +148,4 @@ def report(rates: dict[str, Rate]) -> str:
         )
         for topic, stats in statistics.items()
     ]
-    widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
-    lines = [
-        "   ".join(name.center(width) for name, width in zip(head, widths, strict=True)),
-        "=" * (sum(widths) + 3 * (len(widths) - 1)),
-        *[
-            "   ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True))
-            for row in rows
-        ],
-    ]
-    return "\n".join(lines) + "\n\n"
+    return table(("topic", "rate", "min_delta", "max_delta", "std_dev", "window"), rows)

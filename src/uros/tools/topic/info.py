@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from ..common import add_common, add_topic, discover, join, remedy
 from ..errors import ToolError
 from ..listing import add_json, print_json, qos_entry
+from ..sim_time import add_use_sim_time
 
 if TYPE_CHECKING:
     from ...host.graph_queries import EndpointInfo
@@ -17,6 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of ``uros topic info``."""
     add_topic(parser)
     add_common(parser)
+    add_use_sim_time(parser, used=False)
     parser.add_argument(
         "-v",
         "--verbose",

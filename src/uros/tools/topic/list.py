@@ -8,14 +8,17 @@ from typing import TYPE_CHECKING
 from ..common import add_common, discover, join
 from ..empty import explain_empty_list
 from ..listing import add_json, entries, print_json
+from ..sim_time import add_use_sim_time
 
 if TYPE_CHECKING:
     from ...host.graph_queries import Graph, NamesAndTypes
+    from ...host.network import Network
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of ``uros topic list``."""
     add_common(parser)
+    add_use_sim_time(parser, used=False)
     parser.add_argument("-t", "--show-types", action="store_true", help="print the types too")
     parser.add_argument(
         "-c", "--count-topics", action="store_true", help="print only how many topics there are"
@@ -24,25 +27,35 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "-v", "--verbose", action="store_true",
         help="print types and the number of publishers and subscribers",
     )  # fmt: skip
+    add_hidden(parser)
+    add_json(parser)
+
+
+def add_hidden(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--include-hidden-topics``, which `visible_topics` reads."""
     parser.add_argument(
         "--include-hidden-topics",
         action="store_true",
         help="list hidden topics too, which have a part that begins with _",
     )
-    add_json(parser)
+
+
+def visible_topics(network: Network, args: argparse.Namespace) -> NamesAndTypes:
+    """Discover the domain; return its topics, the hidden ones only if they are asked for."""
+    from ...names import is_hidden
+
+    discover(network, args)
+    return {
+        name: types
+        for name, types in network.graph.topics().items()
+        if args.include_hidden_topics or not is_hidden(name)
+    }
 
 
 def run(args: argparse.Namespace) -> int:
     """Print the topics of the domain."""
-    from ...names import is_hidden
-
     with join(args) as network:
-        discover(network, args)
-        topics = {
-            name: types
-            for name, types in network.graph.topics().items()
-            if args.include_hidden_topics or not is_hidden(name)
-        }
+        topics = visible_topics(network, args)
         if args.count_topics:
             print(len(topics))
         elif args.json:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from ..common import (
     add_common,
+    add_node_name,
     add_topic,
     discover,
     join,
@@ -16,7 +18,8 @@ from ..common import (
     remedy,
     unsigned_int,
 )
-from ..errors import ToolError, did_you_mean
+from ..errors import ToolError, UsageError, did_you_mean
+from ..sim_time import TOPIC, add_use_sim_time, clock
 from ..values.fill import Filled, constructed
 from ..values.qos_publish import add_qos_arguments, choose
 from ..values.typed_values import add_type_and_values, load_message, type_and_text
@@ -33,7 +36,7 @@ _SAY_AGAIN: Final = 1.0
 _SETTLE: Final = 0.1
 _LOOKS: Final = 4
 # After a stopped terminal, messages later than this are not caught up on.
-_CAUGHT_UP: Final = 0.1
+_CAUGHT_UP: Final = 100_000_000  # ns
 _NO_ROOM: Final = 0.005
 
 
@@ -41,6 +44,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of ``uros topic pub``."""
     add_topic(parser)
     add_type_and_values(parser, "std_msgs/msg/String", "topic")
+    parser.add_argument(
+        "--yaml-file", metavar="FILE",
+        help="publish the messages of a file, such as the output of 'uros topic echo -f', one after"
+        " the other",
+    )  # fmt: skip
     add_common(parser)
     parser.add_argument(
         "-r", "--rate", metavar="N", type=positive_float, default=1.0,
@@ -68,6 +76,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--keep-alive", metavar="S", type=positive_float, default=0.1,
         help="seconds to stay after the last message (default: 0.1)",
     )  # fmt: skip
+    add_node_name(parser)
+    add_use_sim_time(parser)
     add_qos_arguments(parser)
 
 
@@ -77,6 +87,8 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         ToolError: The values do not fit the type, or no subscription matched in time.
     """
+    if args.yaml_file is not None and (args.values is not None or args.stdin):
+        raise UsageError("give either VALUES, --stdin or --yaml-file")
     times = 1 if args.once else args.times
     wanted = args.wait_matching_subscriptions
     if wanted is None:
@@ -84,19 +96,49 @@ def run(args: argparse.Namespace) -> int:
     if not wanted and args.max_wait_time_secs is not None:
         raise ToolError("--max-wait-time-secs goes with -w, --once or --times")
     type_name, text = type_and_text(args)
+    if args.yaml_file is not None:
+        if text:  # the type was left out, so that VALUES stood in its place
+            raise UsageError("give either VALUES or --yaml-file")
+        text = _file(args.yaml_file)
     qos = choose(args)
     try:
-        with join(args) as network:  # which makes --interfaces known
-            filled = Filled(load_message(type_name), text) if type_name else None
-            filled = filled or Filled(load_message(_type_there(network, args)), text)
-            writer = _join_topic(network, args.topic, filled.message, qos)
-            mismatches = _Mismatches(network, args.topic, filled.message._TYPE, qos)
+        with join(
+            args, node_name=args.node_name or ""
+        ) as network:  # which makes --interfaces known
+            message_class = load_message(type_name or _type_there(network, args))
+            messages = _messages(message_class, text, args.yaml_file)
+            writer = _join_topic(network, args.topic, message_class, qos)
+            mismatches = _Mismatches(network, args.topic, message_class._TYPE, qos)
             if wanted:
                 _wait(network, writer, wanted, args.max_wait_time_secs, mismatches)
-            _publish(network, writer, filled, args, times, mismatches)
+            if args.yaml_file is not None:
+                times = min(times or len(messages), len(messages))
+            _publish(network, writer, messages, args, times, mismatches)
     except KeyboardInterrupt:
         return 0  # the usual end
     return 0
+
+
+def _file(path: str) -> str:
+    try:
+        return Path(path).read_text("utf-8")
+    except UnicodeDecodeError as error:
+        raise ToolError(f"{path} is not UTF-8: {error.reason}") from error
+    except (OSError, ValueError) as error:
+        raise ToolError(f"{path} cannot be read: {getattr(error, 'strerror', error)}") from error
+
+
+def _messages(message_class: Any, text: str, file: str | None) -> list[Filled]:
+    """Return what is published: the messages of a file, or one again and again."""
+    if file is None:
+        return [Filled(message_class, text)]
+    try:
+        messages = Filled.each(message_class, text)
+    except ToolError as error:
+        raise ToolError(f"{file}: {error}") from error
+    if not messages:
+        raise ToolError(f"{file} has no message")
+    return messages
 
 
 def _type_there(network: Network, args: argparse.Namespace) -> str:
@@ -171,19 +213,20 @@ def _suggest_topics(network: Network, topic: str, waiting: bool, said: str) -> s
 def _publish(
     network: Network,
     writer: Writer,
-    filled: Filled,
+    messages: list[Filled],
     args: argparse.Namespace,
     times: int,
     mismatches: _Mismatches,
 ) -> None:
     from ...interfaces.codec import to_cdr
 
+    pace = _Pace(network, args)
     _say("publisher: beginning loop")
     count = 0
     said = ""
-    due = time.monotonic()
     while True:
-        filled.stamp(time.time_ns())
+        filled = messages[count % len(messages)]
+        filled.stamp(pace.now())
         count += 1
         if args.print and count % args.print == 0:
             _say(f"publishing #{count}: {constructed(filled.message)}\n")
@@ -194,11 +237,41 @@ def _publish(
             network.spin(lambda: False, args.keep_alive)
             mismatches.tell(True)
             return
-        due = max(due + 1.0 / args.rate, time.monotonic() - _CAUGHT_UP)
-        network.spin(lambda: False, max(0.0, due - time.monotonic()))
+        pace.wait()
         if time.monotonic() - mismatches.looked >= _SAY_AGAIN:
             mismatches.tell()
             said = _suggest_topics(network, args.topic, False, said)
+
+
+class _Pace:
+    """The time of the messages, and of the pauses between them: the system's, or that of /clock.
+
+    With ``--use-sim-time`` it waits for the first time on /clock.
+    """
+
+    def __init__(self, network: Network, args: argparse.Namespace) -> None:
+        self.now = clock(network, args)
+        self._network = network
+        self._is_sim_time = args.use_sim_time
+        self._period = round(1e9 / args.rate)
+        if self._is_sim_time and not network.spin(lambda: self.now() > 0, _SAY_AGAIN):
+            warn(f"no time has come on {TOPIC} yet; waiting for it")
+            network.spin(lambda: self.now() > 0)
+        self._due = self._time()
+
+    def _time(self) -> int:
+        return self.now() if self._is_sim_time else time.monotonic_ns()
+
+    def wait(self) -> None:
+        """Wait until the next message is due."""
+        now = self._time()
+        # Neither messages that were missed are caught up on, nor a time that went back.
+        self._due = min(max(self._due + self._period, now - _CAUGHT_UP), now + self._period)
+        if self._is_sim_time:
+            first = self._due - self._period
+            self._network.spin(lambda: not first <= self.now() < self._due)
+        else:
+            self._network.spin(lambda: False, max(0.0, (self._due - now) / 1e9))
 
 
 class _Mismatches:

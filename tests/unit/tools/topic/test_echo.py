@@ -1,13 +1,21 @@
 import argparse
+import io
 
 import pytest
 
 from uros.host.network import Received
 from uros.interfaces import load
 from uros.interfaces.codec import to_cdr
-from uros.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from uros.tools.errors import ToolError
+from uros.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    LivelinessPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+)
+from uros.tools.errors import ToolError, UsageError
 from uros.tools.topic import echo as topic_echo
+from uros.tools.topic.output import Output
 from uros.tools.values.qos_subscribe import choose
 
 STRING = load("std_msgs/String")
@@ -23,8 +31,8 @@ def options(*arguments):
 def echo(capsys):
     def show(message, *arguments):
         printer = topic_echo.Printer(options(*arguments))
-        cls = None if "--raw" in arguments else type(message)
-        printer.show(Received(to_cdr(message), 12, 34), cls)
+        printer.expect(None if "--raw" in arguments else type(message))
+        printer.show(Received(to_cdr(message), 12, 34))
         return capsys.readouterr().out
 
     return show
@@ -78,27 +86,80 @@ def test_length_and_style(echo):
 
 def test_once(capsys):
     printer = topic_echo.Printer(options("--once"))
+    printer.expect(STRING)
     for _ in range(3):
-        printer.show(Received(to_cdr(STRING(data="a")), 0, 0), STRING)
+        printer.show(Received(to_cdr(STRING(data="a")), 0, 0))
     assert printer.done
     assert capsys.readouterr().out == "data: a\n---\n"
 
 
 def test_a_broken_message_does_not_end_the_command(capsys):
     printer = topic_echo.Printer(options())
-    printer.show(Received(b"\0\1\0\0\xff\0\0\0", 0, 0), STRING)
+    printer.expect(STRING)
+    printer.show(Received(b"\0\1\0\0\xff\0\0\0", 0, 0))
     captured = capsys.readouterr()
     assert captured.out == "" and "could not be read: std_msgs/msg/String" in captured.err
     assert not printer.count
 
 
-def test_a_flood_of_broken_messages_has_few_warnings(capsys):
+POSES = load("geometry_msgs/msg/PoseArray")
+
+
+def poses(*xs):
+    message = POSES(poses=[load("geometry_msgs/msg/Pose")() for _ in xs])
+    for pose, x in zip(message.poses, xs, strict=True):
+        pose.position.x = x
+    return message
+
+
+def test_several_fields_and_elements(echo):
+    assert echo(poses(1.0, 2.0), "--field", "poses[1].position.x") == "2.0\n---\n"
+    assert echo(poses(1.0, 2.0, 3.0), "--field", "poses[-2:].position.x") == (
+        "array('d', [2.0, 3.0])\n---\n"
+    )
+    both = ("--field", "header.frame_id", "--field", "poses[0].position")
+    assert echo(poses(1.5), *both) == "\n---\nx: 1.5\ny: 0.0\nz: 0.0\n---\n"
+    assert echo(poses(1.5), *both, "--csv") == ",1.5,0.0,0.0\n"
+    with pytest.raises(ToolError, match=r"--field .*: poses has 1 elements, and so no \[4\]"):
+        echo(poses(1.0), "--field", "poses[4]")
+    with pytest.raises(UsageError, match=r"'poses\[x\]' is not a field, with an index such as"):
+        echo(poses(1.0), "--field", "poses[x]")
+
+
+def test_filter(echo):
+    assert echo(STRING(data="ab"), "--filter", "m.data.startswith('a')") == "data: ab\n---\n"
+    assert echo(STRING(data="b"), "--filter", "m.data == 'a'") == ""
+    # With one field, m is that field, as in ros2; with several, it is the message.
+    assert echo(STRING(data="a"), "--field", "data", "--filter", "m == 'a'") == "a\n---\n"
+    both = ("--field", "data", "--field", "data", "--filter", "m.data == 'a'")
+    assert echo(STRING(data="a"), *both) == "a\n---\na\n---\n"
+    with pytest.raises(ToolError, match="has no field 'dat'; it has data; did you mean 'data'"):
+        echo(STRING(), "--filter", "m.dat == 1")
+    with pytest.raises(UsageError, match="--raw prints whole messages"):
+        echo(STRING(), "--raw", "--filter", "m.data")
+
+
+class Terminal(io.StringIO):
+    encoding = "utf-8"
+
+    def isatty(self):
+        return True
+
+
+def test_clear(echo, monkeypatch):
+    assert echo(STRING(data="a"), "--clear") == "data: a\n---\n"  # no terminal
+    terminal = Terminal()
+    monkeypatch.setattr("sys.stdout", terminal)
+    echo(STRING(data="\x1b[2J"), "-c")
+    assert terminal.getvalue() == '\x1b[H\x1b[2Jdata: "\\e[2J"\n---\n'
+
+
+def test_what_a_slow_reader_has_no_room_for_is_skipped_and_counted(echo, monkeypatch):
     printer = topic_echo.Printer(options())
-    for _ in range(150):
-        printer.show(Received(b"\0\1\0\0\xff\0\0\0", 0, 0), STRING)
-    lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == 3
-    assert "100 messages could not be read" in lines[2] and "--raw prints the bytes" in lines[2]
+    printer.expect(STRING)
+    monkeypatch.setattr(Output, "full", True)
+    printer.show(Received(to_cdr(STRING(data="a")), 0, 0))
+    assert (printer.count, printer.skipped) == (0, 1)
 
 
 # --- QoS ------------------------------------------------------------------------
@@ -142,3 +203,11 @@ def test_depth_and_history():
     assert chosen("--qos-history", "keep_all")[0].history == HistoryPolicy.KEEP_ALL
     profile, _ = chosen("--qos-profile", "action_status_default")
     assert profile.reliable and profile.transient_local and profile.depth == 1
+
+
+def test_liveliness():
+    profile, _ = chosen(
+        "--qos-liveliness", "manual_by_topic", "--qos-liveliness-lease-duration-seconds", "0.5"
+    )
+    assert profile.liveliness == LivelinessPolicy.MANUAL_BY_TOPIC
+    assert profile.liveliness_lease_ms == 500

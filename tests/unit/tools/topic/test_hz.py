@@ -1,5 +1,6 @@
 import pytest
 
+from uros.tools import cli
 from uros.tools.topic.hz import Rate, report
 
 MS = 1_000_000
@@ -13,22 +14,22 @@ def fed(*times, window=10000):
 
 
 def test_one_message_is_no_rate():
-    assert report({"/x": fed()}) == ""
-    assert report({"/x": fed(0)}) == ""
+    assert report({"/x": fed()}, True) == ""
+    assert report({"/x": fed(0)}, True) == ""
 
 
 def test_the_output_is_that_of_ros2():
-    assert report({"/x": fed(0, 100, 210, 300)}) == (
+    assert report({"/x": fed(0, 100, 210, 300)}, True) == (
         "average rate: 10.000\n\tmin: 0.090s max: 0.110s std dev: 0.00816s window: 3\n"
     )
 
 
 def test_a_rate_without_new_messages_is_not_printed_again():
     rate = fed(0, 100)
-    assert report({"/x": rate})
-    assert report({"/x": rate}) == ""
+    assert report({"/x": rate}, True)
+    assert report({"/x": rate}, True) == ""
     rate.add(200 * MS)
-    assert report({"/x": rate})
+    assert report({"/x": rate}, True)
 
 
 def test_the_window():
@@ -41,10 +42,42 @@ def test_messages_at_one_instant():
 
 
 def test_several_topics_are_a_table():
-    text = report({"/x": fed(0, 100), "/longer": fed(0, 50), "/silent": fed()})
+    text = report({"/x": fed(0, 100), "/longer": fed(0, 50), "/silent": fed()}, False)
     head, line, x, longer, end, last = text.split("\n")
     assert head.split() == ["topic", "rate", "min_delta", "max_delta", "std_dev", "window"]
     assert set(line) == {"="}
     assert x.split() == ["/x", "10.000", "0.100", "0.100", "0.00000", "1"]
     assert longer.split()[:2] == ["/longer", "20.000"]
     assert (end, last) == ("", "")
+    assert report({"/x": fed(0)}, False) == ""
+
+
+def test_a_reset_forgets_all():
+    rate = fed(0, 100)
+    rate.reset()
+    assert rate.statistics() is None
+    rate.add(0)
+    rate.add(50 * MS)
+    assert rate.statistics().rate == pytest.approx(20)
+
+
+@pytest.mark.parametrize(
+    "arguments, status, said",
+    [
+        ([], 2, "give the names of topics, or --all"),
+        (["/x", "-a"], 2, "give either topics or --all"),
+        (["/x", "-w", "0"], 2, "'0' is not an integer above 0"),
+        (["/x", "--filter", "1 +"], 2, "--filter '1 +': no expression"),
+        (["/x", "--filter", "x.data"], 2, "there is no 'x' here, only the message m"),
+        (["/x", "--qos-reliability", "best"], 2, "invalid choice: 'best'"),
+    ],
+)
+def test_a_wrong_command_line(arguments, status, said, capsys, own_domain_id):
+    assert cli.main(["topic", "hz", *arguments, "--domain", str(own_domain_id)]) == status
+    captured = capsys.readouterr()
+    assert said in captured.err and captured.out == ""
+
+
+def test_all_topics_of_an_empty_domain(capsys, own_domain_id):
+    assert cli.main(["topic", "hz", "-a", "--domain", str(own_domain_id)]) == 0
+    assert capsys.readouterr().out == "No topics available\n"

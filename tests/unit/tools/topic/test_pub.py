@@ -62,6 +62,16 @@ def test_values_from_standard_input(monkeypatch, capsys):
         (["/x", "std_srvs/srv/Trigger"], 1, "std_srvs/srv/Trigger is not a message"),
         (["/x", "std_msgs/Bool", "data: 1", "--stdin"], 1, "give either VALUES or --stdin"),
         (["/x", "std_msgs/Bool", "--max-wait-time-secs", "1"], 1, "goes with -w, --once or"),
+        (
+            ["/x", "std_msgs/Bool", "data: 1", "--yaml-file", "f"],
+            2,
+            "give either VALUES, --stdin or",
+        ),
+        (["/x", "data: 1", "--yaml-file", "f"], 2, "give either VALUES or --yaml-file"),
+        (["/x", "std_msgs/Bool", "--yaml-file", "/no/f"], 1, "/no/f cannot be read: No such file"),
+        (["/x", "std_msgs/Bool", "--yaml-file", "/"], 1, "/ cannot be read: Is a directory"),
+        (["/x", "std_msgs/Bool", "-n", "a/b"], 2, "'a/b' is not a node name: use letters"),
+        (["/x", "std_msgs/Bool", "-n", "1a"], 2, "'1a' is not a node name"),
         (["/x", "std_msgs/Bool", "-r", "0"], 2, "'0' is not a number above 0"),
         (["/x", "std_msgs/Bool", "-t", "-1"], 2, "-t"),
         (["/x", "std_msgs/Bool", "-1", "-t", "2"], 2, "not allowed with argument"),
@@ -73,6 +83,43 @@ def test_a_wrong_command_line(arguments, status, said, capsys, own_domain_id):
     assert cli.main(["topic", "pub", *arguments, "--domain", str(own_domain_id)]) == status
     captured = capsys.readouterr()
     assert said in captured.err and captured.out == ""
+
+
+@pytest.mark.parametrize(
+    "text, said",
+    [
+        (b"", "has no message"),
+        (b"---\n---\n", "has no message"),
+        (b"data: 1\n---\ndata: 2\n", "message 2: std_msgs/msg/Bool.data takes true or false"),
+        (b"data: 1\n---\ndat: 2\n", "message 2: std_msgs/msg/Bool has no field 'dat'"),
+        (b"data: 1\n---\n[1]\n", "message 2: std_msgs/msg/Bool: the values are fields by name"),
+        (
+            b"data: 1\n---\ndata: 'x\n",
+            "this is not YAML: line 4, column 1: the closing quote is missing",
+        ),
+        (b"data: \xff\n", "is not UTF-8"),
+    ],
+)
+def test_a_file_that_does_not_fit(text, said, tmp_path, capsys, own_domain_id):
+    """Nothing is published, whichever message is wrong."""
+    file = tmp_path / "messages\x1b.yaml"
+    file.write_bytes(text)
+    command = ["topic", "pub", "/x", "std_msgs/Bool", "--yaml-file", str(file)]
+    assert cli.main([*command, "--domain", str(own_domain_id)]) == 1
+    captured = capsys.readouterr()
+    assert said in captured.err and captured.out == "" and "\x1b" not in captured.err
+
+
+def test_the_messages_of_a_file_are_published_once_each(tmp_path, capsys, own_domain_id):
+    file = tmp_path / "messages.yaml"
+    file.write_text("---\ndata: a\n---\n---\ndata: 'b: c'\n---\ndata: ''\n---\n")
+    command = ["topic", "pub", "/x", "std_msgs/String", "--yaml-file", str(file), "-r", "100"]
+    command += ["--domain", str(own_domain_id), "-w", "0", "--keep-alive", "0.01"]
+    texts = [f"std_msgs.msg.String(data={text!r})" for text in ("a", "b: c", "")]
+    for options, count in (([], 3), (["-t", "2"], 2), (["-t", "9"], 3), (["--once"], 1)):
+        assert cli.main([*command, *options]) == 0
+        lines = [f"publishing #{i + 1}: {text}\n\n" for i, text in enumerate(texts[:count])]
+        assert capsys.readouterr().out == "publisher: beginning loop\n" + "".join(lines)
 
 
 def chosen(*arguments):
