@@ -21,7 +21,7 @@ from ..middleware.graph import (
     without_discovery_info,
     without_endpoints,
 )
-from ..qos import QoSProfile
+from ..qos import HistoryPolicy, QoSProfile
 from .graph_queries import Graph
 from .interrupt import Interrupt
 
@@ -86,6 +86,10 @@ class Network:
         middleware: What :func:`uros.middleware.open_middleware` calls it.
         node_name: The node's name; by default ``_uros_<pid>``, which is hidden.
 
+    Attributes:
+        overflowed: Whether the history of a subscription was full, so that newer samples may have
+            replaced others, which :meth:`lost` does not count.
+
     Raises:
         MiddlewareError: The domain cannot be joined, or the middleware does not know its graph.
     """
@@ -98,6 +102,7 @@ class Network:
         self._samples: deque[tuple[Callable[[Received], None], Received]] = deque()
         self._octets = 0  # of these samples
         self._skipped = 0
+        self.overflowed = False
         self._readers: list[Reader] = []
         # What takes the rest of the samples of a reader that had more than a batch.
         self._unread: dict[Callable[[], None], None] = {}
@@ -144,14 +149,21 @@ class Network:
             MiddlewareError: The subscription cannot be created.
         """
         ended = False
+        # With a depth of 1, the latest sample alone is wanted.
+        is_queue = qos.history == HistoryPolicy.KEEP_LAST and qos.depth > 1
 
         def on_ready() -> None:
-            for _ in range(_TURN // _BATCH):
+            taken = 0
+            while taken < _TURN:
                 samples = reader.take_stamped(_BATCH)
                 self._keep(samples, deliver)
+                taken += len(samples)
                 if len(samples) < _BATCH:
-                    return
-            self._unread[on_ready] = None  # deliver these samples first
+                    break
+            else:
+                self._unread[on_ready] = None  # deliver these samples first
+            if is_queue and taken >= qos.depth and not reader.counts_replaced:
+                self.overflowed = True
 
         def deliver(received: Received) -> None:
             if not ended:

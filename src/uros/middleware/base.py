@@ -78,9 +78,14 @@ class Writer(ABC):
 
 
 class Reader(ABC):
-    """Receives samples of one topic."""
+    """Receives samples of one topic.
+
+    Attributes:
+        counts_replaced: Whether :meth:`lost` counts samples that newer ones replaced.
+    """
 
     __slots__ = ()
+    counts_replaced = True
 
     @abstractmethod
     def take(self, limit: int) -> list[bytes]:
@@ -107,8 +112,8 @@ class Reader(ABC):
     def lost(self) -> int:
         """Return how many samples for it were lost until now, as far as the middleware knows.
 
-        Those are samples that the network lost, that their writer no longer had, or that newer ones
-        replaced here before they were taken.
+        Those are samples that the network lost, that their writer no longer had, or, with
+        :attr:`counts_replaced`, that newer ones replaced here before they were taken.
         """
         return 0
 

@@ -160,6 +160,7 @@ class DdsReader(TopicReader, Reader):
 
     __slots__ = ("_close", "guid")
     _may_need_heartbeat = True
+    counts_replaced = False  # Cyclone has no such count
 
     def __init__(
         self,
@@ -223,10 +224,7 @@ class DdsReader(TopicReader, Reader):
         return sizes
 
     def lost(self) -> int:
-        """Return how many samples the network has lost.
-
-        Cyclone does not count those that newer ones replaced in its history.
-        """
+        """Return how many samples the network has lost."""
         if self._close is None:
             return 0
         status = (ctypes.c_uint32 * 2)()  # total, and its change, of dds_sample_lost_status

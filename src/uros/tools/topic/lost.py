@@ -36,7 +36,9 @@ class LostReport:
         if now < self._next and not last:
             return
         lost = self._network.lost() + skipped
-        if lost > self._told:
+        full, self._network.overflowed = self._network.overflowed, False
+        if lost > self._told or full:
             self._next = now + _PERIOD
-            warn(f"{lost - self._told} messages were lost or skipped, {lost} in all")
+            more = "; some more, as the queue of --qos-depth messages was full" if full else ""
+            warn(f"{lost - self._told} messages were lost or skipped, {lost} in all{more}")
             self._told = lost
