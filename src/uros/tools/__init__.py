@@ -20,6 +20,7 @@
 ``bag``        ``uros bag``: a module for each verb
 ``board``      ``uros board``: a module for each verb
 ``capture``    ``uros trace`` and ``uros replay``: captured messages
+``completion`` ``uros completion``: completion of command lines in shells
 ``doctor``     ``uros doctor``: a module for each subject that it checks
 ``image``      ``uros image``: a module for each verb
 ``interface``  ``uros interface``: a module for each verb

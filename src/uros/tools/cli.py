@@ -168,6 +168,9 @@ _ROOT: Final = Group(
         ),
         "fleet": Verb("run the virtual boards that a file lists", "fleet"),
         "doctor": Verb("check why boards and ROS 2 nodes do not communicate", "doctor.command"),
+        "completion": Verb(
+            "print what completes commands in bash, zsh or fish", "completion.command"
+        ),
     },
 )
 
@@ -179,6 +182,11 @@ _ROS2: Final[Mapping[str, tuple[str, ...]]] = {
 
 _INTERRUPTED: Final = 130
 _BROKEN_PIPE: Final = 141
+
+
+def commands() -> Group:
+    """Return the commands of ``uros``."""
+    return _ROOT
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -758,6 +758,7 @@ FEEDS = {
     "board console": board_console,
     "fleet": fleet,
     "doctor": doctor,
+    "completion": no_foreign_text("names that are no ROS names are left out"),
 }
 
 
