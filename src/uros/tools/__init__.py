@@ -25,6 +25,7 @@
 ``image``      ``uros image``: a module for each verb
 ``interface``  ``uros interface``: a module for each verb
 ``lifecycle``  ``uros lifecycle``: a module for each verb
+``multicast``  ``uros multicast``: a module for each verb
 ``node``       ``uros node``: a module for each verb
 ``param``      ``uros param``: a module for each verb
 ``rover``      ``uros pid`` and ``uros calibrate``: tuning a rover

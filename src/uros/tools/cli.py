@@ -168,6 +168,17 @@ _ROOT: Final = Group(
         ),
         "fleet": Verb("run the virtual boards that a file lists", "fleet"),
         "doctor": Verb("check why boards and ROS 2 nodes do not communicate", "doctor.command"),
+        "multicast": Group(
+            "send and receive UDP multicast datagrams",
+            {
+                "receive": Verb("wait for one UDP multicast datagram", "multicast.receive"),
+                "send": Verb("send one UDP multicast datagram", "multicast.send"),
+                "test": Verb(
+                    "send and receive on each network interface of this machine",
+                    "multicast.test",
+                ),
+            },
+        ),
         "completion": Verb(
             "print what completes commands in bash, zsh or fish", "completion.command"
         ),

@@ -648,6 +648,20 @@ def agent(capsys):
         assert len(visible_lines(out.getvalue())) == 2
 
 
+def multicast_receive(output, monkeypatch):
+    import socket
+
+    from uros.tools.multicast import receive
+
+    sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    receiver = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    receiver.bind(("127.0.0.1", 0))
+    sender.sendto(NAME.encode("utf-8", "surrogateescape") + b"\xff", receiver.getsockname())
+    sender.close()
+    monkeypatch.setattr(receive, "receiver", lambda *_: receiver)
+    output("multicast", "receive", status=0)
+
+
 def demonstration(output, capsys):
     topic = demo._Topic("/sensors/diagnostic", "std_msgs/msg/String", None, demo._Reads())
     topic.heard(Received(to_cdr(evil_string()), 1, 2))
@@ -758,6 +772,9 @@ FEEDS = {
     "board console": board_console,
     "fleet": fleet,
     "doctor": doctor,
+    "multicast receive": multicast_receive,
+    "multicast send": no_foreign_text("it prints a text of the code"),
+    "multicast test": no_foreign_text("names of interfaces, which an administrator gives"),
     "completion": no_foreign_text("names that are no ROS names are left out"),
 }
 

@@ -90,7 +90,7 @@ def run(args: argparse.Namespace, agents: Agents | None = None) -> int:
     Returns:
         1 if a check found a problem, else 0.
     """
-    doctor = Doctor(args, agents or Agents(args.agent), None if args.json else _print)
+    doctor = Doctor(args, agents or Agents(args.agent), None if args.json else print_finding)
     doctor.examine()
     problems = sum(finding.state == PROBLEM for finding in doctor.findings)
     if args.json:
@@ -101,7 +101,8 @@ def run(args: argparse.Namespace, agents: Agents | None = None) -> int:
     return 1 if problems else 0
 
 
-def _print(finding: Finding) -> None:
+def print_finding(finding: Finding) -> None:
+    """Print a finding, in colour on a terminal."""
     width = _WIDTH
     coloured = sys.stdout.isatty()
     if coloured:

@@ -203,11 +203,12 @@ def check_multicast(
         if one.address and not one.is_loopback and not one.name.startswith(_INNER)
     ]
     if not outer:
-        return [_no_network(all_up)]
-    return [_check_interface(one, domain) for one in outer]
+        return [no_network(all_up)]
+    return [check_interface(one, GROUP, spdp_port(domain)) for one in outer]
 
 
-def _no_network(all_up: list[Interface]) -> Finding:
+def no_network(all_up: list[Interface]) -> Finding:
+    """Return what to say where no interface but loopback has an address."""
     if any(one.is_loopback for one in all_up):
         return note(
             "multicast",
@@ -218,7 +219,14 @@ def _no_network(all_up: list[Interface]) -> Finding:
     return problem("multicast", "not even the loopback interface is up", "sudo ip link set lo up")
 
 
-def _check_interface(interface: Interface, domain: int) -> Finding:
+def check_interface(interface: Interface, group: str, port: int) -> Finding:
+    """Check whether a datagram to a multicast group comes back on an interface.
+
+    Args:
+        interface: The interface.
+        group: The address of the group.
+        port: The UDP port.
+    """
     if not interface.has_multicast:
         if interface.flags & POINT_TO_POINT:  # typical of a VPN, and no fault
             return note(
@@ -234,7 +242,7 @@ def _check_interface(interface: Interface, domain: int) -> Finding:
             f"sudo ip link set {interface.name} multicast on",
         )
     try:
-        came = comes_back(interface, spdp_port(domain))
+        came = comes_back(interface, port, group)
     except OSError as error:
         return problem(
             "multicast",
@@ -244,10 +252,10 @@ def _check_interface(interface: Interface, domain: int) -> Finding:
         )
     if came:
         where = f"{interface.name} ({interface.address})"
-        return ok("multicast", f"multicast to {GROUP} works on {where}")
+        return ok("multicast", f"multicast to {group} works on {where}")
     return problem(
         "multicast",
-        f"multicast to {GROUP} is lost on {interface.name} ({interface.address}): a firewall drops"
+        f"multicast to {group} is lost on {interface.name} ({interface.address}): a firewall drops"
         " it, so nodes do not find each other",
         _firewall_fix(interface),
     )
@@ -296,7 +304,7 @@ def check_firewall(on: bool | None = None) -> list[Finding]:
     ]
 
 
-def comes_back(interface: Interface, port: int) -> bool:
+def comes_back(interface: Interface, port: int, group: str = GROUP) -> bool:
     """Return whether a second socket receives a datagram to the group on this interface.
 
     Raises:
@@ -304,13 +312,13 @@ def comes_back(interface: Interface, port: int) -> bool:
     """
     token = b"uros doctor " + os.urandom(16)
     address = socket.inet_aton(interface.address)
-    request = struct.pack("=4s4si", socket.inet_aton(GROUP), address, interface.index)
-    with _receiver(port) as (receiver, port), _udp() as sender:
+    request = struct.pack("=4s4si", socket.inet_aton(group), address, interface.index)
+    with _receiver(group, port) as (receiver, port), _udp() as sender:
         receiver.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, request)
         sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, request)
         sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 1)
         sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
-        sender.sendto(token, (GROUP, port))
+        sender.sendto(token, (group, port))
         end = time.monotonic() + _WAIT
         while (left := end - time.monotonic()) > 0:
             if not select.select([receiver], [], [], left)[0]:
@@ -321,16 +329,16 @@ def comes_back(interface: Interface, port: int) -> bool:
 
 
 @contextmanager
-def _receiver(port: int) -> Iterator[tuple[socket.socket, int]]:
+def _receiver(group: str, port: int) -> Iterator[tuple[socket.socket, int]]:
     """Open a socket on the discovery port, or on a free port if a participant does not share it.
 
     Firewalls filter by the group rather than by the port.
     """
     with _udp() as sock:
         try:
-            sock.bind((GROUP, port))
+            sock.bind((group, port))
         except OSError:
-            sock.bind((GROUP, 0))
+            sock.bind((group, 0))
         yield sock, sock.getsockname()[1]
 
 

@@ -108,7 +108,7 @@ ETHERNET = Interface("eth7", 9, 0x1043, "10.1.2.3")
 def test_multicast_that_is_dropped(monkeypatch):
     from uros.tools.doctor import network
 
-    monkeypatch.setattr(network, "comes_back", lambda interface, port: False)
+    monkeypatch.setattr(network, "comes_back", lambda interface, port, group: False)
     monkeypatch.setattr(network, "ufw_is_on", lambda: False)
     (one,) = check_multicast({}, 0, [ETHERNET])
     assert one.state == "problem" and "a firewall drops it" in one.what
@@ -121,7 +121,7 @@ def test_multicast_that_is_dropped(monkeypatch):
 def test_multicast_that_may_not_be_sent(monkeypatch):
     from uros.tools.doctor import network
 
-    def forbidden(interface, port):
+    def forbidden(interface, port, group):
         raise PermissionError(1, "Operation not permitted")
 
     monkeypatch.setattr(network, "comes_back", forbidden)
@@ -133,7 +133,7 @@ def test_multicast_that_may_not_be_sent(monkeypatch):
 def test_interfaces_that_do_not_count(monkeypatch):
     from uros.tools.doctor import network
 
-    monkeypatch.setattr(network, "comes_back", lambda interface, port: True)
+    monkeypatch.setattr(network, "comes_back", lambda interface, port, group: True)
     docker = Interface("docker0", 3, 0x1043, "172.17.0.1")
     vpn = Interface("wg0", 4, 0x00D1, "10.8.0.2")
     lo = Interface("lo", 1, 0x49, "127.0.0.1")
@@ -153,7 +153,7 @@ def test_interfaces_that_do_not_count(monkeypatch):
 def test_nothing_is_sent_if_the_environment_forbids_it(environment, monkeypatch):
     from uros.tools.doctor import network
 
-    def sent(interface, port):
+    def sent(interface, port, group):
         raise AssertionError("it was sent")
 
     monkeypatch.setattr(network, "comes_back", sent)
