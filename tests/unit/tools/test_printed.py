@@ -656,7 +656,7 @@ def multicast_receive(output, monkeypatch):
     sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     receiver = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     receiver.bind(("127.0.0.1", 0))
-    sender.sendto(NAME.encode("utf-8", "surrogateescape") + b"\xff", receiver.getsockname())
+    sender.sendto(NAME.encode("utf-8", "surrogatepass") + b"\xff", receiver.getsockname())
     sender.close()
     monkeypatch.setattr(receive, "receiver", lambda *_: receiver)
     output("multicast", "receive", status=0)
