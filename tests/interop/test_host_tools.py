@@ -482,3 +482,41 @@ def test_messages_are_printed_as_rclpy_prints_them(ros_python):
     )  # fmt: skip
     printed = [constructed(from_cdr(type(message), to_cdr(message))) for message in messages]
     assert printed == json.loads(done.stdout)
+
+
+# --- types that no folder has ---------------------------------------------------------------
+
+# A uros that has never heard of test_msgs.
+WITHOUT_TEST_MSGS = """
+from uros.interfaces import registry
+known = registry._packaged
+registry._packaged = lambda: {n: f for n, f in known().items() if not n.startswith("test_msgs/")}
+"""
+
+
+def test_definitions_come_from_the_nodes_that_use_the_types(domain, peer):
+    def command(*words):
+        return [sys.executable, "-c", WITHOUT_TEST_MSGS + UROS, *words, "--domain", str(domain)]
+
+    def run(*words):
+        done = subprocess.run(
+            command(*words), capture_output=True, text=True, timeout=SECONDS, env=environment()
+        )
+        return done.returncode, done.stdout, done.stderr
+
+    nested = load("test_msgs/msg/Nested")()
+    nested.basic_types_value.int16_value = -77
+    sample = [to_cdr(nested).hex()]
+    peer.do("publish", topic="/described", type=nested._TYPE, cdr=[], seconds=0)
+    with subprocess.Popen(
+        command("topic", "echo", "/described", "--once"),
+        stdout=subprocess.PIPE, text=True, env=environment(),
+    ) as echo:  # fmt: skip
+        peer.do("publish", topic="/described", type=nested._TYPE, cdr=sample)
+        assert "  int16_value: -77\n" in echo.stdout.read()
+    peer.do("subscribe", topic="/asked", type=nested._TYPE)
+    values = "{basic_types_value: {int16_value: 5}}"
+    assert run("topic", "pub", "--once", "/asked", nested._TYPE, values)[0] == 0
+    assert from_cdr(type(nested), peer.message("/asked")).basic_types_value.int16_value == 5
+    status, out, err = run("topic", "pub", "--once", "/asked", "test_msgs/msg/Missing")
+    assert status == 1 and "unknown type 'test_msgs/msg/Missing'" in err

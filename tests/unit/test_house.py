@@ -119,6 +119,7 @@ FULL = {
         "parser",
         "progress",
         "sim_time",
+        "type_lookup",
         "waiting",
     },
 }

@@ -15,6 +15,7 @@
 ``parser``     The parser of every command, whose errors are one line with the choice meant
 ``progress``   The progress of a command that takes seconds, on standard error
 ``sim_time``   Simulation time: ``-s/--use-sim-time``, and the time that the topic ``/clock`` tells
+``type_lookup`` Definitions of types that no folder has: asked of nodes that use them
 ``waiting``    Waits for a topic and finds its type; finds a node
 ``agent``      ``uros agent`` and its verbs
 ``bag``        ``uros bag``: a module for each verb

@@ -130,12 +130,12 @@ def run(args: argparse.Namespace) -> int:
 def _listen(network: Network, args: argparse.Namespace, printer: Printer) -> None:
     message: Any = None
     if args.type is not None and not args.raw:
-        message = load_message(args.type)
+        message = load_message(args.type, network)
     discover(network, args)
     deadline = None if args.timeout is None else time.monotonic() + args.timeout
     if args.type is None:
         type_name = _only_type(args.topic, topic_types(network, args.topic, deadline))
-        message = None if args.raw else load_message(type_name)
+        message = None if args.raw else load_message(type_name, network)
     else:
         type_name = args.type if message is None else message._TYPE
         present = network.graph.topics().get(args.topic, [type_name])

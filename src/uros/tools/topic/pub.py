@@ -105,7 +105,7 @@ def run(args: argparse.Namespace) -> int:
         with join(
             args, node_name=args.node_name or ""
         ) as network:  # which makes --interfaces known
-            message_class = load_message(type_name or _type_there(network, args))
+            message_class = load_message(type_name or _type_there(network, args), network)
             messages = _messages(message_class, text, args.yaml_file)
             writer = _join_topic(network, args.topic, message_class, qos)
             mismatches = _Mismatches(network, args.topic, message_class._TYPE, qos)

@@ -5,10 +5,13 @@ from __future__ import annotations
 import argparse
 import re
 import sys
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from ..errors import ToolError
 from . import plain
+
+if TYPE_CHECKING:
+    from ...host.network import Network
 
 _TYPE: Final = re.compile(r"[A-Za-z]\w*(/\w+)?/[A-Za-z]\w*|\w+(::\w+)+")
 
@@ -56,8 +59,12 @@ def type_and_text(args: argparse.Namespace) -> tuple[str | None, str]:
     return type_name, text or ""
 
 
-def load_message(type_name: str) -> Any:
+def load_message(type_name: str, network: Network | None = None) -> Any:
     """Return the class of a message.
+
+    Args:
+        type_name: The type.
+        network: The domain, whose nodes are asked for a definition that no folder has.
 
     Raises:
         InterfaceError: The type is unknown.
@@ -65,6 +72,10 @@ def load_message(type_name: str) -> Any:
     """
     from ...interfaces import load
 
+    if network is not None:
+        from ..type_lookup import know_type
+
+        know_type(network, type_name)
     found = load(type_name)
     if not plain.is_message(found):
         raise ToolError(f"{type_name} is not a message; topics carry messages")
