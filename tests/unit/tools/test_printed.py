@@ -623,6 +623,7 @@ def doctor(output, hostile, monkeypatch):
     agents = [running_agents.RunningAgent(1, Path("x"))]
     monkeypatch.setattr(running_agents, "find_agents", lambda: agents)
     monkeypatch.setattr(running_agents, "ask", lambda *_: status)
+    output("doctor", "--report", *hostile, status=0)
     for options in ([], ["--json"]):
         output("doctor", *hostile, "--seconds", "0.1", *options)
 

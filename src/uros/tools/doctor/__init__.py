@@ -13,6 +13,8 @@
 ``process``    Finds the processes that use a device or a port, by Linux's /proc
 ``qos``        Checks the QoS of publishers and subscriptions: which pairs do not match, and how
                to fix them
+``report``     ``uros doctor --report``: what this machine and its networks are, without a
+               judgement
 ``serial``     Checks a serial device: existence, permission, other users, and the data that
                arrives
 ``snapshots``  Collects the snapshots of the agents that run on this machine

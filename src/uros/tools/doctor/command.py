@@ -10,7 +10,7 @@ import shutil
 import sys
 import textwrap
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING, Final
 
 from ...agent.transports.base import DEFAULT_PORT
@@ -22,6 +22,7 @@ from .snapshots import Agents
 
 if TYPE_CHECKING:
     from .graph import End
+    from .report import Report
 
 _SECONDS: Final = 3.0
 # As in agent/transports/baud.py, which cannot be imported where there is no termios.
@@ -66,6 +67,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"seconds of each listening (default: {_SECONDS:g})",
     )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print one JSON object at the end")
+    group = parser.add_mutually_exclusive_group()
+    group.add_argument(
+        "-r", "--report", action="store_true",
+        help="print what this machine, its networks, topics and QoS are, without checks",
+    )  # fmt: skip
+    group.add_argument(
+        "-rf", "--report-failed", action="store_true",
+        help="print that report behind the checks if one of them has found a problem",
+    )  # fmt: skip
+    parser.add_argument(
+        "-iw", "--include-warnings", action="store_true", help="take notes for problems"
+    )
+    parser.add_argument(
+        "-ep", "--exclude-packages", action="store_true",
+        help="do not report the versions of Python packages",
+    )  # fmt: skip
 
 
 def _baudrate(text: str) -> int:
@@ -90,15 +107,44 @@ def run(args: argparse.Namespace, agents: Agents | None = None) -> int:
     Returns:
         1 if a check found a problem, else 0.
     """
+    if args.report:
+        _report(args)
+        return 0
     doctor = Doctor(args, agents or Agents(args.agent), None if args.json else print_finding)
     doctor.examine()
-    problems = sum(finding.state == PROBLEM for finding in doctor.findings)
+    wrong = (PROBLEM, NOTE) if args.include_warnings else (PROBLEM,)
+    problems = sum(finding.state in wrong for finding in doctor.findings)
     if args.json:
         told = [finding.plain() for finding in doctor.findings]
         print(json.dumps({"version": 1, "problems": problems, "findings": told}, indent=2))
     else:
         print(_summary(doctor.findings))
+    if problems and args.report_failed and not args.json:
+        _report(args)
     return 1 if problems else 0
+
+
+def _report(args: argparse.Namespace) -> None:
+    """Print the report, as ros2 prints one."""
+    parts = _parts(args)
+    if args.json:
+        print(json.dumps([part._asdict() for part in parts]))
+        return
+    for part in parts:
+        print("\n".join(part.lines()), flush=True)
+
+
+def _parts(args: argparse.Namespace) -> Iterator[Report]:
+    from ...host.network import Network
+    from ...middleware.environment import environment_domain
+    from . import graph, report
+
+    yield from report.machine(not args.exclude_packages)
+    for domain in dict.fromkeys(args.domain or [environment_domain()]):
+        with Network(domain) as network:
+            network.settle()
+            ours = {node for node in network.graph.nodes() if node == f"/_uros_{os.getpid()}"}
+            yield from report.domain(domain, graph.Picture(network.graph, ours))
 
 
 def print_finding(finding: Finding) -> None:
