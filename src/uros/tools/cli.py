@@ -97,6 +97,7 @@ _ROOT: Final = Group(
                 "save": Verb("save the images of a topic to files", "image.save"),
             },
         ),
+        "plot": Verb("plot numbers of topics in the terminal", "plot.command"),
         "pid": Verb("tune the wheel controllers of a rover, with a live plot", "rover.pid"),
         "calibrate": Verb(
             "calibrate a rover's wheel radii and track by driving squares", "rover.calibrate"
