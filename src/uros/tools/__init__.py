@@ -29,6 +29,7 @@
 ``multicast``  ``uros multicast``: a module for each verb
 ``node``       ``uros node``: a module for each verb
 ``param``      ``uros param``: a module for each verb
+``plot``       ``uros plot``: plot numbers of topics in the terminal
 ``rover``      ``uros pid`` and ``uros calibrate``: tuning a rover
 ``run``        ``uros run``, and the nodes that it starts
 ``service``    ``uros service``: a module for each verb

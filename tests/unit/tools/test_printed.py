@@ -166,6 +166,13 @@ def topic_echo(output, hostile, sends):
     output("topic", "echo", "/typed", "std_msgs/msg/String", "--once", *hostile, status=0)
 
 
+def plot(output, hostile, sends):
+    sends(evil_string())
+    output("plot", "/chatter/data", *hostile, status=1)
+    output("plot", "/typed/data", *hostile, status=1)
+    output("plot", "/nothing/data", *hostile, status=1)
+
+
 def topic_hz(output, hostile, sends):
     sends(evil_string())
     output("topic", "hz", "/typed", "/mixed", *hostile, status=0)
@@ -735,6 +742,7 @@ FEEDS = {
     "bag reindex": bag_any("reindex"),
     "image view": image_view,
     "image save": image_save,
+    "plot": plot,
     "pid": pid,
     "calibrate": no_foreign_text("it takes numbers of an Odometry alone"),
     "service list": service_list,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections import deque
 from collections.abc import Sequence
 from typing import Final
@@ -14,6 +15,8 @@ _PLAIN: Final = "\033[0m"
 _BRAILLE: Final = 0x2800
 # The bit of each dot of a cell, by column and line.
 _DOTS: Final = ((0x01, 0x02, 0x04, 0x40), (0x08, 0x10, 0x20, 0x80))
+# The part of a value by which others differ from it so little that they count as equal.
+_EQUAL: Final = 1e-12
 _LABEL: Final = 11  # columns of a number beside the axis
 _LEAST: Final = (_LABEL + 5, 3)
 
@@ -67,20 +70,21 @@ def draw(
         dots = [
             (
                 (2 * width - 1) * (1 - (now - time) / window),
-                (4 * height - 1) * (high - value) / (high - low),
+                (4 * height - 1) * ((high / 2 - value / 2) / (high / 2 - low / 2)),
             )
             for time, value in points
         ]
         for x, y in _line(dots):
             cells[y // 4][x // 2] |= _DOTS[x % 2][y % 4]
             colours[y // 4][x // 2] = _COLOURS[at % len(_COLOURS)]
-    labels = {0: high, height // 2: (low + high) / 2, height - 1: low}
+    labels = {0: high, height // 2: low / 2 + high / 2, height - 1: low}
     out = []
     for row in range(height):
         label = f"{labels[row]:>{_LABEL}.4g}" if row in labels else " " * _LABEL
         out.append(f"{label}┤{_row(cells[row], colours[row])}")
     left, right = f"-{window:g} s", "now"
-    out.append(" " * (_LABEL + 1) + left + right.rjust(max(1, width - len(left))))
+    axis = " " * (_LABEL + 1) + left + right.rjust(max(1, width - len(left)))
+    out.append(axis[:columns])
     return [*out, *legend]
 
 
@@ -99,10 +103,11 @@ def _range(values: Sequence[float]) -> tuple[float, float]:
     if not values:
         return 0.0, 1.0
     low, high = min(values), max(values)
-    if high - low > 1e-12 * max(abs(low), abs(high)):
+    # Halves, since the difference of two large numbers may be infinite.
+    if high / 2 - low / 2 > _EQUAL * max(abs(low), abs(high)):
         return low, high
     beside = abs(low) * 0.1 or 1.0
-    return low - beside, high + beside
+    return max(low - beside, -sys.float_info.max), min(high + beside, sys.float_info.max)
 
 
 def _line(dots: Sequence[tuple[float, float]]) -> set[tuple[int, int]]:

@@ -79,7 +79,7 @@ def test_ctrl_c_gives_the_terminal_back(plot, monkeypatch):
     "path, said",
     [
         ("/imu", "/imu is a topic: name a field too, as /imu/FIELD"),
-        ("/imi/linear_acceleration/x", "'/imi/linear_acceleration/x' begins with no topic in"),
+        ("/imi/linear_acceleration/x", "'/imi/linear_acceleration/x' begins with no topic"),
         ("/imu/linear", "sensor_msgs/msg/Imu has no field 'linear'; did you mean 'linear_accel"),
     ],
 )
