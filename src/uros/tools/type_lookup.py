@@ -61,7 +61,9 @@ def know_type(network: Network, type_name: str) -> None:
     network.settle()
     try:
         answer = _ask_owners(network, name)
-        texts = definitions(answer) if answer is not None else {}
+        if answer is None:
+            return
+        texts = definitions(answer)
     except (InterfaceError, ValueError) as error:
         warn(f"the definition of {type_name} that a node has cannot be used: {error}")
         return
