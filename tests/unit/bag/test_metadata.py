@@ -13,7 +13,8 @@ from uros.bag.writer import BagWriter
 from uros.qos import QoSProfile
 
 ROOT = "rosbag2_bagfile_information"
-FINITE = st.none() | st.integers(1, 2**31 * 1000 - 1)
+# 2^31 - 1 seconds and more are infinite, as in the bags of Foxy.
+FINITE = st.none() | st.integers(1, (2**31 - 1) * 1000 - 1)
 
 
 def given_metadata():
