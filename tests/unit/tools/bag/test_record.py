@@ -92,7 +92,12 @@ def test_without_discovery_topics_of_the_beginning_are_recorded(run, tmp_path):
 def test_new_topics_are_discovered(run, tmp_path):
     network = sending(1)
     network.script.append(lambda: network.publish("/late", QoSProfile()))
-    network.script += [lambda: None] * 100
+
+    def until_recorded():
+        if "/late" not in network.listening:
+            network.script.insert(0, until_recorded)
+
+    network.script.append(until_recorded)
     assert run(network, "-a", "-p", "1")[0] == 0
     assert [topic.name for topic in BagReader(tmp_path / "bag").topics] == ["/x", "/late"]
 
