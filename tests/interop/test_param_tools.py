@@ -1,5 +1,6 @@
 """``uros param`` with real rclpy nodes, in a process of their own, and with a board's node."""
 
+import json
 import math
 from pathlib import Path
 
@@ -58,6 +59,10 @@ def reset(peer):
 
 def test_list_of_a_node(uros, peer):
     assert uros("param", "list", TUNED).splitlines() == [f"  {name}" for name in NAMES]
+    as_json = json.loads(uros("param", "list", TUNED, "--json"))
+    assert as_json == [{"node": TUNED, "name": name} for name in NAMES]
+    as_json = json.loads(uros("param", "list", TUNED, "--json", "--param-type", "--filter", "int"))
+    assert as_json and all(entry["type"] for entry in as_json)
     printed = uros("param", "list", TUNED, "--param-type", "--filter", r"arm\.|int")
     assert printed.splitlines() == [
         "  arm.bools (type: boolean array)",

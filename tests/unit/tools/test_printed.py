@@ -325,6 +325,7 @@ def param_list(output, hostile, parameters):
     for options in ([], ["--param-type"], ["/evil"]):
         lines = output("param", "list", *options, *hostile, status=0)
         assert any(printable(HOSTILE) in line for line in lines)
+    output("param", "list", "--json", "--param-type", *hostile, status=0)
     output("param", "list", f"/{NAME.replace(FORGED, '')}", *hostile, status=1)
 
 

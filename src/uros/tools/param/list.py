@@ -10,6 +10,7 @@ from ...printable import printable
 from ..common import add_served_node, discover, join
 from ..empty import explain_empty_list
 from ..errors import ToolError
+from ..listing import add_json, print_json
 from ..node.list import visible_nodes
 from ..waiting import warn
 from . import node
@@ -30,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="list only parameters with these prefixes, such as arm for arm.speed",
     )  # fmt: skip
     parser.add_argument("--param-type", action="store_true", help="print the types too")
+    add_json(parser)
 
 
 def _regex(text: str) -> re.Pattern[str]:
@@ -69,9 +71,22 @@ def run(args: argparse.Namespace) -> int:
     }
     if args.node is not None and failed:
         raise failed[nodes[0]]
+    for name in failed:
+        warn(f"the parameters of {name} are not listed: {failed[name]}")
+    if args.json:
+        print_json(
+            [
+                {"node": name, "name": each, "type": types[name].get(each)}
+                if types
+                else {"node": name, "name": each}
+                for name in found
+                if name not in failed
+                for each in listed[name]
+            ]
+        )
+        return int(bool(failed))
     for name in found:
         if name in failed:
-            warn(f"the parameters of {name} are not listed: {failed[name]}")
             continue
         if args.node is None and listed[name]:
             print(f"{name}:")
