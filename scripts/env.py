@@ -19,12 +19,14 @@ import platform
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 OLDEST = (3, 10)
 NEWEST = (3, 14)  # the newest that the tests ran on
 NODE_OLDEST = 18
+STILL = 15  # seconds without output after which a step says that it still runs
 DOCS_OLDEST = (3, 11, 5)  # of mkdocs-material's requirements
 
 VENV = ROOT / ".venv"
@@ -75,8 +77,8 @@ def succeeds(*command: object) -> bool:
 
 
 def run(step: str, command: list, **options: object) -> None:
-    """Run a command; print its output only if it fails. Raises Unavailable."""
-    done = subprocess.run(
+    """Run a command; print its output only if it fails, and that it runs. Raises Unavailable."""
+    process = subprocess.Popen(
         [str(part) for part in command],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
@@ -84,10 +86,21 @@ def run(step: str, command: list, **options: object) -> None:
         text=True,
         **options,
     )
-    if done.returncode != 0:
-        sys.stdout.write(done.stdout)
+    start = time.monotonic()
+    with process:
+        while True:
+            try:
+                output = process.communicate(timeout=STILL)[0]
+                break
+            except subprocess.TimeoutExpired:
+                say(f"{step}: still running after {time.monotonic() - start:.0f} s")
+            except BaseException:
+                process.kill()
+                raise
+    if process.returncode != 0:
+        sys.stdout.write(output)
         raise Unavailable(
-            f"{step} failed (exit status {done.returncode})",
+            f"{step} failed (exit status {process.returncode})",
             "see the messages above, and whether this machine reaches its package registries",
         )
 
