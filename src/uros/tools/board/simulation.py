@@ -136,8 +136,6 @@ class Simulation:
             self._loop()
         except (StartError, BoardError) as error:
             raise ToolError(str(error)) from error
-        except TimeoutError as error:
-            raise ToolError(f"{error}: is this machine busy? Run fewer boards") from error
         except KeyboardInterrupt:
             if not self._screen.live:
                 print()
@@ -170,7 +168,6 @@ class Simulation:
 
         Raises:
             StartError: A board does not start.
-            TimeoutError: A board was not ready in time.
         """
         if len(self._seats) > 1:
             self._say(None, f"starting {len(self._seats)} boards")

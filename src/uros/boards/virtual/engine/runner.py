@@ -182,8 +182,7 @@ class RunningBoard:
         """Start the board's process; return when the board is ready.
 
         Raises:
-            StartError: The board does not start.
-            TimeoutError: The board was not ready within 30 s.
+            StartError: The board does not start, or was not ready within 30 s.
         """
         self._process = subprocess.Popen(
             [sys.executable, "-m", "uros.boards.virtual.engine.process", json.dumps(self._options)],
@@ -198,6 +197,10 @@ class RunningBoard:
             self.stop()
             if isinstance(error, BoardGone):
                 raise StartError(self._failure or "the board's process has ended") from None
+            if isinstance(error, TimeoutError):
+                raise StartError(
+                    f"{error}: is this machine busy? Run fewer programs or boards, and try again"
+                ) from None
             raise
 
     def stop(self) -> None:
