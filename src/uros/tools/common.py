@@ -7,6 +7,7 @@ import os
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Final
 
+from .agent.unseen import agents_reasons, why_alone
 from .errors import did_you_mean
 
 if TYPE_CHECKING:
@@ -276,22 +277,16 @@ def discover(network: Network, args: argparse.Namespace) -> None:
         network.spin(lambda: False, args.spin_time)
 
 
+_ITS_OWN_DOMAIN: Final = "a board chooses its domain itself: 'uros agent status' shows it"
+
+
 def remedy(network: Network, name: str, known: Iterable[str]) -> str:
     """Return the end of a message about an unknown name: similar names, or why there are none."""
-    if network.alone:
-        return f": {why_alone(network)}"
-    close = did_you_mean(name, known)
+    close = "" if network.alone else did_you_mean(name, known)
     if close:
         return f" in domain {network.domain}{close}"
-    return (
-        f" in domain {network.domain}; a board chooses its domain itself: 'uros agent status' shows"
-        " it"
-    )
-
-
-def why_alone(network: Network) -> str:
-    """Return what to check if no other participant was found."""
-    return (
-        f"no other participant was found in domain {network.domain}; check --domain, ROS_DOMAIN_ID"
-        " and ROS_AUTOMATIC_DISCOVERY_RANGE"
-    )
+    # Of several agents, the one whose boards are elsewhere explains most.
+    reasons = sorted(agents_reasons(network.domain), key=lambda reason: "--domain" not in reason)
+    if network.alone:
+        return "; ".join([f": {why_alone(network)}", *reasons[:1]])
+    return "; ".join([f" in domain {network.domain}", *(reasons[:1] or [_ITS_OWN_DOMAIN])])

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any, Final
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Final
 
 from ..printable import printable
-from .common import why_alone
-from .errors import ToolError, did_you_mean
+from .agent.unseen import agents_reasons, why_alone
+from .errors import did_you_mean
 from .waiting import warn
 
 if TYPE_CHECKING:
@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
 # The most agents that are named.
 _MOST: Final = 3
-# The middlewares whose boards are not on the network.
-_ISOLATED: Final = ("memory", "ced")
 
 
 def explain_empty_list(network: Network) -> None:
@@ -48,49 +46,3 @@ def explain_unknown_type(wanted: str, listed: Iterable[Iterable[str]]) -> None:
 
 def _say(text: str) -> None:
     print(printable(f"uros: {text}"), file=sys.stderr)
-
-
-def agents_reasons(domain: int) -> list[str]:
-    """Return why boards of this machine's agents are not seen in a domain.
-
-    Args:
-        domain: The domain that was looked at.
-
-    Returns:
-        A reason for each agent; none at all if one of them has a board in the domain, since the
-        boards of the others are then not what is missing.
-    """
-    from .agent.running_agents import ask, find_agents
-
-    reasons = []
-    for agent in find_agents():
-        try:
-            snapshot = ask(agent, "status")
-        except ToolError:
-            continue
-        if snapshot["middleware"] not in _ISOLATED and domain in _domains(snapshot):
-            return []
-        reason = _reason(snapshot, domain)
-        if reason:
-            reasons.append(f"the agent {agent.pid} {reason}")
-    return reasons
-
-
-def _reason(snapshot: Mapping[str, Any], domain: int) -> str:
-    clients = snapshot["clients"]
-    if snapshot["middleware"] in _ISOLATED:
-        return (
-            f"runs with -m {snapshot['middleware']}: its boards reach each other, and no ROS 2"
-            " node; start it without -m"
-        )
-    if not clients:
-        return "has no board: 'uros agent status' shows what it serves"
-    domains = _domains(snapshot)
-    if domains:
-        first = min(domains)
-        return f"has its boards in domain {', '.join(map(str, sorted(domains)))}: --domain {first}"
-    return ""
-
-
-def _domains(snapshot: Mapping[str, Any]) -> set[int]:
-    return {node["domain"] for client in snapshot["clients"] for node in client["nodes"]}

@@ -39,8 +39,8 @@ def topic_types(network: Network, topic: str, deadline: float | None = None) -> 
     if types:
         return types
     warn(
-        f"topic [{topic}] does not appear to be published yet"
-        f"{remedy(network, topic, graph.topics())}; waiting for it"
+        f"topic [{topic}] does not appear to be published yet; waiting for it"
+        f"{remedy(network, topic, graph.topics())}"
     )
     seconds = None if deadline is None else max(0.0, deadline - time.monotonic())
     if not network.spin(lambda: topic in graph.topics(), seconds):

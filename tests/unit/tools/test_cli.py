@@ -3,6 +3,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -11,7 +12,8 @@ from uros.interfaces import InterfaceError
 from uros.middleware.base import MiddlewareError
 from uros.tools import cli
 from uros.tools.agent import running_agents
-from uros.tools.empty import agents_reasons
+from uros.tools.agent.unseen import agents_reasons
+from uros.tools.common import remedy
 from uros.tools.errors import ToolError
 from uros.tools.topic import list as topic_list
 
@@ -231,6 +233,23 @@ def test_what_the_agents_of_this_machine_tell_of_an_empty_domain(monkeypatch):
     ]
     agents_here(monkeypatch, {"middleware": "auto", "clients": [board]}, here)
     assert agents_reasons(3) == []  # an agent with a board there: other domains explain nothing
+
+
+@pytest.mark.parametrize("alone", [False, True])
+def test_an_unknown_name_is_answered_with_the_domain_of_this_machines_boards(monkeypatch, alone):
+    board = {"nodes": [{"name": "/board", "domain": 7}]}
+    network = SimpleNamespace(alone=alone, domain=3)
+    agents_here(monkeypatch)
+    assert "--domain 7" not in remedy(network, "/add", ["/scan"])
+    agents_here(
+        monkeypatch,
+        {"middleware": "auto", "clients": []},
+        {"middleware": "auto", "clients": [board]},
+    )
+    known = [] if alone else ["/scan"]
+    text = remedy(network, "/add", known)
+    assert text.endswith("; the agent 42 has its boards in domain 7: --domain 7")
+    assert ("no other participant" in text) == alone
 
 
 def test_many_agents_are_not_all_named(own_domain_id, monkeypatch, capsys):

@@ -13,6 +13,7 @@
 ``running_agents``  Finds the agents that run on this machine and queries them over their status
                     sockets
 ``status``          ``uros agent status``: print the state of a running agent and of its boards
+``unseen``          Says why a board or a node is not seen, as far as the agents here tell
 ``options``         The options of ``uros agent``, a module for each subject
 ==================  ==============================================================================
 """
