@@ -34,8 +34,8 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 def closest(name: str, known: Iterable[str]) -> list[str]:
     """Return at most three known names that come about as close to ``name``, the closest first.
 
-    Close are: a similar name, one with this beginning, and for a name with slashes one with the
-    same last part.
+    Close are: a similar name, one with the same letters in another order, one with this beginning,
+    and for a name with slashes one with the same last part.
     """
     from difflib import SequenceMatcher
 
@@ -49,7 +49,8 @@ def closest(name: str, known: Iterable[str]) -> list[str]:
         ratio = SequenceMatcher(None, lower, other).ratio()
         begins = len(lower) >= _BEGINNING and other.startswith(lower)
         ends = bool(last) and other.rpartition("/")[2] == last
-        if ratio >= _CLOSE or begins or ends:
+        swapped = sorted(lower) == sorted(other)
+        if ratio >= _CLOSE or begins or ends or swapped:
             ranked.append((ratio, candidate))
     ranked.sort(key=lambda pair: -pair[0])
     return [each for ratio, each in ranked[:_MOST] if ratio > ranked[0][0] - _BESIDE]

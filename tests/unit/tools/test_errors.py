@@ -25,6 +25,7 @@ TRANSPORTS = ("udp4", "udp6", "tcp4", "serial", "multiserial")
         ("/chatter", ("/rosout", "/robot_in_the_hall/chatter"), ["/robot_in_the_hall/chatter"]),
         ("/", ("/a/", "/b"), []),
         ("a", ("a", "a"), ["a"]),
+        ("nwe", ("list", "new", "run"), ["new"]),
     ],
 )
 def test_the_closest_names_come_first(name, known, close):

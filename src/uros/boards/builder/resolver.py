@@ -127,15 +127,17 @@ class Resolver:
 
     def advice(self, name: str) -> str:
         """Return the error text for a module that nothing provides: the fault and its remedy."""
-        top = name.partition(".")[0]
+        top, _, rest = name.partition(".")
         if name in ABSENT or top in ABSENT:
             return (
                 f"MicroPython has no {name}; import it in a try with except ImportError, or put a"
                 " module of that name into the program's folder"
             )
-        if top.endswith(("_msgs", "_srvs", "_interfaces")):
+        if top.endswith(("_msgs", "_srvs", "_interfaces")) or rest in registry.KINDS:
+            close = _did_you_mean(top, registry.packages(), 0.8)
+            own = f"{close} If it is your own," if close else ";"
             return (
-                f"no definitions of a package {top}; give the folder of its .msg files by"
+                f"no definitions of a package {top}{own} give the folder of its .msg files by"
                 " --interfaces DIR"
             )
         return (
@@ -296,8 +298,8 @@ class Resolver:
             self.resolve_imports(self.modules[name])
 
 
-def _did_you_mean(name: str, known: Iterable[str]) -> str:
-    close = difflib.get_close_matches(name, sorted(known), 3, 0.6)
+def _did_you_mean(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
+    close = difflib.get_close_matches(name, sorted(known), 3, cutoff)
     return f"; did you mean {' or '.join(close)}?" if close else ""
 
 

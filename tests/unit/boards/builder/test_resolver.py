@@ -1421,6 +1421,8 @@ def test_own_types(tmp_path: Path, built: Callable[..., dict[str, str]]) -> None
         ("\nimport nothing", r"main.py:2: no module nothing; put it into the program's folder"),
         ("from typing import Any", r"main.py:1: MicroPython has no typing; import it in a try"),
         ("from my_msgs.msg import X", r"main.py:1: no definitions of a package my_msgs.*--interf"),
+        ("from std_msg.msg import Int32", r"a package std_msg; did you mean std_msgs\? If it is"),
+        ("from home.msg import Lamp", r"no definitions of a package home; give the folder"),
         ("from std_msgs.msg import Int23", r"no type std_msgs/msg/Int23; did you mean Int"),
         ("from std_msgs.msg import *", "name the types to import"),
         ("from std_msgs.other import X", "has no other for boards"),

@@ -350,8 +350,8 @@ class VirtualBoard:
             if name not in self.parts:
                 names = ", ".join(part.name for part in self.parts)
                 raise FaultError(
-                    f"there is no {spec}: it is one of {names}, a colon and what is to happen, like"
-                    f" {self._example()}; all:off heals everything"
+                    f"there is no {spec}: write PART:EVENT, such as {self._example()} (parts:"
+                    f" {names}); all:off ends all faults"
                 )
             part = self.parts[name]
             if action == "off" and part.FAULTS:

@@ -89,7 +89,7 @@ def _ports(config: Config) -> Iterator[tuple[str, tuple[str | int, ...], Any, st
         # Several agents may share the port of discovery, but not with another transport.
         if any(part.transport == "udp4" and part.port == port for part in config.transports):
             config.problem(
-                f"udp4 has port {port} already: choose another",
+                f"discovery: udp4 has port {port} already: choose another",
                 *config.place_of_option("discovery"),
             )
 

@@ -50,7 +50,7 @@ def test_mistakes_are_printed_in_the_order_of_lines(check):
         ('[[transport]]\ntype = "tcp4"\nport = 9100\n[monitoring]\nmetrics = 9100\n',
          "5: tcp4 ([[transport]] number 1) has port 9100 already: choose another"),
         ('[[transport]]\ntype = "udp4"\nport = 7400\n[agent]\ndiscovery = true\n',
-         "5: udp4 has port 7400 already: choose another"),
+         "5: discovery: udp4 has port 7400 already: choose another"),
         ('[[transport]]\ntype = "serial"\ndev = "null"\n'
          '[[transport]]\ntype = "multiserial"\ndevs = ["x", "null"]\n',
          "4: [[transport]] number 1 has null already"),
