@@ -255,13 +255,13 @@ def test_a_terminal_gets_lines_that_fit_and_the_state_in_colour(capsys, monkeypa
     monkeypatch.setenv("COLUMNS", "80")
     monkeypatch.delenv("NO_COLOR", raising=False)
     finding = Finding("baud", PROBLEM, "the board sends " + "slowly " * 20, "x")
-    command._print(finding)
+    command.print_finding(finding)
     piped = capsys.readouterr().out
     monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
-    command._print(finding)
+    command.print_finding(finding)
     shown = capsys.readouterr().out
     monkeypatch.setenv("NO_COLOR", "1")
-    command._print(finding)
+    command.print_finding(finding)
     plain = capsys.readouterr().out
     assert "\033" not in piped and max(map(len, piped.splitlines())) > 80
     assert shown.startswith("\033[1;31mproblem\033[0m  baud ")
