@@ -63,9 +63,8 @@ def generate(definition: Message | Service | Action, prefix: str = "") -> str:
     for name, alias in sorted(aliases.names.items()):
         if name not in own:
             package, kind, plain = name.split("/")
-            nested.append(
-                f"from {prefix}{package}.{kind}.{module_name(plain)} import {plain} as {alias}"
-            )
+            module = module_name(registry.file_type(name).rpartition("/")[2])
+            nested.append(f"from {prefix}{package}.{kind}.{module} import {plain} as {alias}")
     return _module(definition.type_name, nested, body)
 
 

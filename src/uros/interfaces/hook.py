@@ -27,7 +27,7 @@ def load(name: str) -> Any:
 
     ``name`` is ``std_msgs/msg/Int32``, ``std_msgs/Int32``, ``std_msgs::msg::dds_::Int32_``, a
     service, an action, or a part of these (``std_srvs/srv/Trigger_Request``,
-    ``test_msgs/action/Fibonacci_SendGoal``).
+    ``std_srvs/srv/Trigger_Event``, ``test_msgs/action/Fibonacci_SendGoal``).
 
     Raises:
         InterfaceError: If the type has no definition, or a broken one.
@@ -35,11 +35,23 @@ def load(name: str) -> Any:
     definition = registry.definition(registry.normalize(name))
     package, kind, plain = definition.type_name.split("/")
     base = registry.file_type(definition.type_name).rpartition("/")[2]
+    if plain.endswith("_Event"):  # few programs need it, so it is in no service's own module
+        return getattr(_module_of(definition.type_name), plain)
     module = importlib.import_module(f"{PREFIX}{package}.{kind}.{module_name(base)}")
     try:
         return getattr(module, plain)
     except AttributeError:
         raise InterfaceError(f"{name} and another type differ only in case; rename one") from None
+
+
+def _module_of(name: str) -> ModuleType:
+    """Return the module of a structure that no file defines, such as a service's event."""
+    package, kind, plain = name.split("/")
+    loader = _Type(name)
+    module = ModuleType(f"{PREFIX}{package}.{kind}.{module_name(plain)}")
+    module.__loader__ = loader
+    loader.exec_module(module)
+    return module
 
 
 def find_spec(fullname: str) -> ModuleSpec | None:

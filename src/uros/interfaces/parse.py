@@ -150,6 +150,15 @@ class Service:
         """Its structures."""
         return self.request, self.response
 
+    @property
+    def event(self) -> Message:
+        """``Name_Event``: what service introspection publishes; its hash is part of the service's."""
+        request = Type(self.request.type_name, "bounded", 1)
+        response = Type(self.response.type_name, "bounded", 1)
+        fields = Field(_EVENT_INFO, "info"), Field(request, "request"), Field(response, "response")
+        name, source = f"{self.name}_Event", self.request.source
+        return Message(self.package, self.kind, name, fields, source=source)
+
 
 @dataclass(frozen=True)
 class Action:
@@ -212,6 +221,7 @@ class Action:
 
 
 _TIME: Final = Type("builtin_interfaces/msg/Time")
+_EVENT_INFO: Final = Type("service_msgs/msg/ServiceEventInfo")
 _GOAL_ID: Final = Field(Type("unique_identifier_msgs/msg/UUID"), "goal_id")
 
 

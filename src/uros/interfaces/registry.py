@@ -33,9 +33,10 @@ _SUGGESTED: Final = 3
 _BESIDE: Final = 0.1
 _SKIP: Final = {"node_modules", "__pycache__"}
 _SECTION: Final = {
-    "srv": re.compile(r"([^_]+)_(Request|Response)"),
+    "srv": re.compile(r"([^_]+)_(Request|Response|Event)"),
     "action": re.compile(
-        r"([^_]+)_(Goal|Result|Feedback|FeedbackMessage|(SendGoal|GetResult)(_Request|_Response)?)"
+        r"([^_]+)_(Goal|Result|Feedback|FeedbackMessage"
+        r"|(SendGoal|GetResult)(_Request|_Response|_Event)?)"
     ),
 }
 _PACKAGED: Final = Path(__file__).parent / "definitions"
@@ -166,8 +167,9 @@ def names_in(package: str, kind: str) -> list[str]:
 def definition(name: str) -> Definition:
     """Return the parsed definition of a type in its normal spelling.
 
-    ``pkg/srv/Name_Request`` (and Response) gives that section; ``pkg/action/Name_Goal`` (and
-    Result, Feedback, SendGoal, SendGoal_Request, FeedbackMessage …) a structure of the action.
+    ``pkg/srv/Name_Request`` (and Response) gives that section, ``pkg/srv/Name_Event`` the message
+    of service introspection; ``pkg/action/Name_Goal`` (and Result, Feedback, SendGoal,
+    SendGoal_Request, FeedbackMessage …) a structure of the action.
     """
     return _definition(name, distro.chosen())
 
@@ -179,7 +181,10 @@ def _definition(name: str, _: str) -> Definition:
         whole = definition(owner)
         parts: list[Definition]
         if isinstance(whole, Action):
-            parts = [*whole.parts, whole.send_goal, whole.get_result]
+            services = [whole.send_goal, whole.get_result]
+            parts = [*whole.parts, *services, *[service.event for service in services]]
+        elif isinstance(whole, Service):
+            parts = [*whole.parts, whole.event]
         else:
             parts = list(whole.parts)
         return next(part for part in parts if part.type_name == name)

@@ -68,7 +68,7 @@ def _structures(definition: Message | Service | Action) -> list[Message]:
     if isinstance(definition, Message):
         return [definition]
     if isinstance(definition, Service):
-        members = [*definition.parts, event_message(definition)]
+        members = [*definition.parts, definition.event]
         names = ["request_message", "response_message", "event_message"]
         return [_structure(definition, names, members), *members]
     send_goal, get_result = _structures(definition.send_goal), _structures(definition.get_result)
@@ -83,20 +83,6 @@ def _structure(whole: Service | Action, names: list[str], members: list[Message]
     package, kind, name = whole.type_name.split("/")
     fields = (Field(Type(m.type_name), member) for member, m in zip(names, members))
     return Message(package, kind, name, tuple(fields))
-
-
-def event_message(service: Service) -> Message:
-    """Return the service's ``_Event`` message, which its hash includes."""
-    return Message(
-        service.package,
-        service.kind,
-        service.name + "_Event",
-        (
-            Field(Type("service_msgs/msg/ServiceEventInfo"), "info"),
-            Field(Type(service.request.type_name, "bounded", 1), "request"),
-            Field(Type(service.response.type_name, "bounded", 1), "response"),
-        ),
-    )
 
 
 def known_hash(ros_type_name: str) -> str | None:
