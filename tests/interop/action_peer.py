@@ -180,7 +180,7 @@ class ActionPeer(Peer):
 
     def do_serve(self, name, seconds=15):
         """Serve the action: goals with an order below 0 are rejected, order ABORTED is aborted,
-        and a request to cancel order STUBBORN is rejected."""
+        and a request to cancel order STUBBORN, or thousands more, is rejected."""
 
         def pause(time):
             future = Future(executor=self.executor)
@@ -212,7 +212,7 @@ class ActionPeer(Peer):
             return GoalResponse.REJECT if goal.order < 0 else GoalResponse.ACCEPT
 
         def cancel(goal):
-            stubborn = goal.request.order == STUBBORN
+            stubborn = goal.request.order % 1000 == STUBBORN
             return CancelResponse.REJECT if stubborn else CancelResponse.ACCEPT
 
         self.stopped = False

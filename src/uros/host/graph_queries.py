@@ -24,6 +24,8 @@ NO_HASH: Final = "INVALID"
 
 NamesAndTypes = dict[str, list[str]]
 
+# Octets of a GID that are its participant's.
+_PREFIX: Final = 12
 _FEEDBACK: Final = "/_action/feedback"
 _FEEDBACK_TYPE: Final = "_FeedbackMessage"
 _TYPE_HASH: Final = re.compile(rb"typehash=(RIHS\d\d_[0-9a-f]{64});")
@@ -103,6 +105,38 @@ class Graph:
             if endpoints[reader.gid].participant in answering
         ]
 
+    def service_endpoints(
+        self, service: str, of_clients: bool
+    ) -> list[tuple[EndpointInfo, EndpointInfo]]:
+        """Return the endpoints of requests and of replies of each client, or of each server."""
+        replies: dict[tuple[bytes, str, str], list[EndpointInfo]] = {}
+        for reply in self._dds_endpoints(f"rr{service}Reply", not of_clients):
+            replies.setdefault(_owner(reply), []).append(reply)
+        return [
+            (request, replies[_owner(request)].pop(0))
+            for request in self._dds_endpoints(f"rq{service}Request", of_clients)
+            if replies.get(_owner(request))
+        ]
+
+    def actions(self) -> NamesAndTypes:
+        """Return all actions that have a server or a client, with their types."""
+        return _collect(
+            (_action(endpoint.topic), _action_type(endpoint.type_name))
+            for endpoint in self._source.endpoints.values()
+        )
+
+    def action_nodes(self, action: str, of_clients: bool) -> list[tuple[str, list[str]]]:
+        """Return the full names of the nodes with a client, or a server, and its types, sorted."""
+        endpoints = self._source.endpoints
+        found = []
+        for node in living_nodes(self._source):
+            gids = node.readers if of_clients else node.writers
+            own = [endpoints[gid] for gid in gids if gid in endpoints]
+            types = _named(own, _action, _action_type).get(action)
+            if types:
+                found.append((_full_name(node), types))
+        return sorted(found)
+
     def _endpoints(self, topic: str, is_writer: bool) -> list[EndpointInfo]:
         return self._dds_endpoints(names.topic_to_dds(topic), is_writer)
 
@@ -156,6 +190,11 @@ class Graph:
             _named(writers, _action, _action_type),
             _named(readers, _action, _action_type),
         )
+
+
+def _owner(endpoint: EndpointInfo) -> tuple[bytes, str, str]:
+    """Return the participant and the node of an endpoint."""
+    return endpoint.gid[:_PREFIX], endpoint.node_namespace, endpoint.node_name
 
 
 def _full_name(node: NodeSource) -> str:

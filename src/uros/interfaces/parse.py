@@ -152,7 +152,7 @@ class Service:
 
     @property
     def event(self) -> Message:
-        """``Name_Event``: what service introspection publishes; its hash is part of the service's."""
+        """``Name_Event``, which service introspection publishes; the service's hash includes it."""
         request = Type(self.request.type_name, "bounded", 1)
         response = Type(self.response.type_name, "bounded", 1)
         fields = Field(_EVENT_INFO, "info"), Field(request, "request"), Field(response, "response")

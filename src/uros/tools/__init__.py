@@ -17,6 +17,7 @@
 ``sim_time``   Simulation time: ``-s/--use-sim-time``, and the time that the topic ``/clock`` tells
 ``type_lookup`` Definitions of types that no folder has: asked of nodes that use them
 ``waiting``    Waits for a topic and finds its type; finds a node
+``action``     ``uros action``: a module for each verb
 ``agent``      ``uros agent`` and its verbs
 ``bag``        ``uros bag``: a module for each verb
 ``board``      ``uros board``: a module for each verb

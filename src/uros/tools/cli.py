@@ -106,9 +106,22 @@ _ROOT: Final = Group(
             "list and call services",
             {
                 "list": Verb("list services", "service.list"),
+                "info": Verb("print information about a service", "service.info"),
                 "type": Verb("print the type of a service", "service.type"),
                 "find": Verb("list services of a type", "service.find"),
                 "call": Verb("call a service", "service.call"),
+                "echo": Verb("print the requests and responses of a service", "service.echo"),
+            },
+        ),
+        "action": Group(
+            "list actions, and send goals",
+            {
+                "list": Verb("list actions", "action.list"),
+                "info": Verb("print information about an action", "action.info"),
+                "type": Verb("print the type of an action", "action.type"),
+                "find": Verb("list actions of a type", "action.find"),
+                "send_goal": Verb("send a goal, and print its result", "action.send_goal"),
+                "echo": Verb("print the messages of an action", "action.echo"),
             },
             "--include-hidden-services",
         ),
@@ -188,8 +201,7 @@ _ROOT: Final = Group(
 
 # Commands of ros2 that uros does not have, by the group that they are in; "" is ros2 itself.
 _ROS2: Final[Mapping[str, tuple[str, ...]]] = {
-    "": ("action", "component", "launch"),
-    "service": ("echo", "info"),
+    "": ("component", "launch"),
 }
 
 _INTERRUPTED: Final = 130

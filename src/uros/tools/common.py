@@ -168,6 +168,13 @@ def add_node_name(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
+def add_action(parser: argparse.ArgumentParser) -> None:
+    """Declare the positional argument ``action``."""
+    parser.add_argument(
+        "action", metavar="NAME", type=action_name, help="name of the action, such as /fibonacci"
+    )
+
+
 def add_type(parser: argparse.ArgumentParser) -> None:
     """Declare the positional argument ``type``, of any kind."""
     parser.add_argument(
@@ -199,6 +206,17 @@ def positive_float(text: str) -> float:
     return value
 
 
+def unsigned_float(text: str) -> float:
+    """Parse a number of 0 or more."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0.0 <= value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number of 0 or more")
+    return value
+
+
 def positive_int(text: str) -> int:
     """Parse an integer above 0."""
     if not text.isdecimal() or not int(text):
@@ -215,15 +233,7 @@ def unsigned_int(text: str) -> int:
 
 def topic_name(text: str) -> str:
     """Parse a topic name and make it absolute."""
-    from .. import names
-
-    name = names.absolute(text)
-    if not names.is_valid(name):
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is not a topic name: use letters, digits and single _ between slashes, and"
-            " no digit behind a slash"
-        )
-    return name
+    return _full_name(text, "a topic")
 
 
 def node_name(text: str) -> str:
@@ -239,12 +249,21 @@ def node_name(text: str) -> str:
 
 def service_name(text: str) -> str:
     """Parse a service name and make it absolute."""
+    return _full_name(text, "a service")
+
+
+def action_name(text: str) -> str:
+    """Parse an action name and make it absolute."""
+    return _full_name(text, "an action")
+
+
+def _full_name(text: str, what: str) -> str:
     from .. import names
 
     name = names.absolute(text)
     if not names.is_valid(name):
         raise argparse.ArgumentTypeError(
-            f"{text!r} is not a service name: use letters, digits and single _ between slashes, and"
+            f"{text!r} is not {what} name: use letters, digits and single _ between slashes, and"
             " no digit behind a slash"
         )
     return name

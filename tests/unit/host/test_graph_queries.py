@@ -137,6 +137,14 @@ def test_endpoints_of_a_node(net, graph):
     ]:
         endpoints = node.writers if is_writer else node.readers
         endpoints.append(net.endpoint(participant, topic, type_name, is_writer))
+    assert graph.actions() == {"/fib": ["ex/action/Fibonacci"], "/nav": ["ex/action/Go"]}
+    assert graph.action_nodes("/fib", False) == [("/arm", ["ex/action/Fibonacci"])]
+    assert graph.action_nodes("/nav", True) == [("/arm", ["ex/action/Go"])]
+    assert graph.action_nodes("/fib", True) == graph.action_nodes("/none", False) == []
+    for service, of_clients in (("/serve", False), ("/ask", True)):
+        ((request, reply),) = graph.service_endpoints(service, of_clients)
+        assert request.is_publisher == of_clients and reply.is_publisher != of_clients
+        assert graph.service_endpoints(service, not of_clients) == []
     node.readers.append(b"not discovered yet")
     info = graph.node("/arm")
     assert info.name == "/arm"

@@ -19,6 +19,7 @@ from uros.interfaces import (
     registry,
     write_package,
 )
+from uros.interfaces.codec import from_cdr, to_cdr
 from uros.interfaces.generate import generate
 
 MISSING_ON_BOARD = {"dataclasses", "enum", "typing", "abc", "collections", "__future__", "re"}
@@ -429,3 +430,17 @@ def test_types_that_differ_in_case(tmp_path):
     assert load("my_g/FooBar")
     with pytest.raises(InterfaceError, match="differ only in case"):
         load("my_g/Foobar")
+
+
+def test_the_event_of_a_service_and_of_an_actions_services():
+    """It nests at most one request and one response, also empty ones."""
+    trigger = load("std_srvs/srv/Trigger")
+    event = load("std_srvs/srv/Trigger_Event")
+    assert event._DDS_TYPE == "std_srvs::srv::dds_::Trigger_Event_"
+    sent = event(request=[trigger.Request()], response=[trigger.Response(message="x")])
+    sent.info.client_gid = bytes(range(16))
+    assert from_cdr(event, to_cdr(sent)) == sent
+    with pytest.raises(ValueError):
+        to_cdr(event(request=[trigger.Request()] * 2))
+    for name in ("test_msgs/action/Fibonacci_SendGoal_Event", "action_msgs/srv/CancelGoal_Event"):
+        assert known_hash(name) == load(name)._HASH != ""

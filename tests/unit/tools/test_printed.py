@@ -7,7 +7,7 @@ import subprocess
 import sys
 import threading
 import tty
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
@@ -78,6 +78,7 @@ class Hostile:
                 ("rq/evil/list_parametersRequest", f"{LIST}Request_"),
                 ("rr/evil/list_parametersReply", f"{LIST}Response_"),
                 (f"rt/{NAME}/_action/feedback", f"x::action::dds_::{NAME}_FeedbackMessage_"),
+                ("rt/move/_action/feedback", f"x::action::dds_::{NAME}_FeedbackMessage_"),
             ):
                 guid = self._participant[:12] + len(self._own).to_bytes(4, "big")
                 self._own[guid] = Endpoint(
@@ -430,6 +431,72 @@ def tf_tree(output, hostile, sends, monkeypatch):
     assert any(printable(HOSTILE) in line for line in lines)
 
 
+def service_info(output, hostile):
+    for options in ([], ["-v"], ["--json"]):
+        output("service", "info", "/add", *hostile, *options, status=0)
+    output("service", "info", "/ad", *hostile, status=1)
+
+
+def service_echo(output, hostile, sends):
+    sends(load("std_srvs/srv/Trigger_Event")(
+        response=[load("std_srvs/srv/Trigger").Response(message=HOSTILE)]
+    ))  # fmt: skip
+    for options in ([], ["--csv"], ["--flow-style"]):
+        output("service", "echo", "/new", "std_srvs/srv/Trigger", *hostile, *options, status=0)
+    output("service", "echo", "/add", *hostile, status=1)
+    output("service", "echo", "/ad", *hostile, status=1)
+
+
+def action_list(output, hostile):
+    for options in ([], ["-t"], ["--json"]):
+        lines = output("action", "list", *hostile, *options, status=0)
+        assert any("owned" in line for line in lines)
+
+
+def action_info(output, hostile):
+    for options in ([], ["-t"], ["--json"]):
+        output("action", "info", "/move", *hostile, *options, status=0)
+    output("action", "info", "/mov", *hostile, status=0)
+
+
+def action_type(output, hostile):
+    lines = output("action", "type", "/move", *hostile, status=0)
+    assert any(printable(NAME) in line for line in lines)
+    output("action", "type", "/mov", *hostile, status=1)
+
+
+def action_find(output, hostile):
+    for options in ([], ["--json"]):
+        output("action", "find", "x/action/Nothing", *hostile, *options, status=0)
+
+
+def action_echo(output, hostile, sends):
+    sends(evil_string())  # which is no status of goals
+    output("action", "echo", "/new", "test_msgs/action/Fibonacci", *hostile, status=0)
+    for name in ("/move", "/mov"):
+        output("action", "echo", name, *hostile, status=1)
+
+
+def action_send_goal(output, hostile, monkeypatch):
+    """A server with a hostile type, and an action whose goal and result have the hostile text."""
+    from uros.tools.action import send_goal
+
+    output("action", "send_goal", "/move", *hostile, "-t", "0.1", status=1)
+    result = SimpleNamespace(status=6, result=evil_string())
+    goal = SimpleNamespace(
+        id=b"", match=lambda seconds: None, send=lambda message: None,
+        is_accepted=lambda seconds: True, result=lambda seconds: result,
+    )  # fmt: skip
+    kind = SimpleNamespace(_TYPE=NAME, Goal=load("std_msgs/String"))
+    monkeypatch.setattr(send_goal, "load_action", lambda name: kind)
+    monkeypatch.setattr(send_goal, "Goal", lambda *_: nullcontext(goal))
+    monkeypatch.setattr(send_goal, "wait_for_server", lambda *_: [NAME])
+    text = json.dumps({"data": HOSTILE[:-1]})
+    output("action", "send_goal", "/x", "a/action/B", text, *hostile, status=0)
+    monkeypatch.setattr(send_goal, "wait_for_server", lambda *_: [NAME, "a/action/B"])
+    output("action", "send_goal", "/x", text, *hostile, status=1)
+
+
 def image_view(output, hostile, sends):
     picture = load("sensor_msgs/msg/CompressedImage")(format=HOSTILE, data=b"no picture")
     picture.header.frame_id = HOSTILE
@@ -763,6 +830,14 @@ FEEDS = {
     "param list": param_list,
     "param load": param_load,
     "param set": param_set,
+    "service info": service_info,
+    "service echo": service_echo,
+    "action list": action_list,
+    "action info": action_info,
+    "action type": action_type,
+    "action find": action_find,
+    "action send_goal": action_send_goal,
+    "action echo": action_echo,
     "run": run_node,
     "interface list": interface_any("list"),
     "interface packages": interface_any("packages"),

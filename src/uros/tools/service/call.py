@@ -15,6 +15,7 @@ from ...names import service_type_from_dds
 from ..common import add_common, add_service, join, positive_float
 from ..errors import ToolError
 from ..values.fill import Filled, constructed
+from ..values.qos_publish import add_qos_arguments, choose
 from ..values.typed_values import add_type_and_values, load_service, type_and_text
 from .client import RclpyClient, ServiceClient, find_servers
 
@@ -38,6 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="auto, rtps (default): RTPS in the form that the server uses; dds: Cyclone DDS, for"
         " servers with rmw_cyclonedds; ros2: rclpy",
     )  # fmt: skip
+    add_qos_arguments(parser, "services_default")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -70,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
         filled = filled or Filled(kind.Request, text)
         filled.stamp(time.time_ns())
         client = (RclpyClient if args.middleware == "ros2" else ServiceClient)(
-            network, args.service, kind
+            network, args.service, kind, choose(args)
         )
         try:
             client.match(args.timeout)

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ...host.graph_queries import EndpointInfo
     from ...host.network import Network
     from ...middleware.base import Middleware, Requester, Service
+    from ...qos import QoSProfile
 
 # How long the discovery of a service takes at most, in seconds.
 _DISCOVERY: Final = 1.5
@@ -65,22 +66,26 @@ class ServiceClient:
         network: The domain.
         service: The service's full name.
         kind: The service's class, with ``Request`` and ``Response``.
+        qos: The client's profile; that of ROS 2 by default.
 
     Raises:
         MiddlewareError: The client cannot be created.
     """
 
-    def __init__(self, network: Network, service: str, kind: Any) -> None:
+    def __init__(
+        self, network: Network, service: str, kind: Any, qos: QoSProfile | None = None
+    ) -> None:
+        from ...qos import services_profile
+
         self._network = network
         self._service = service
         self._kind = kind
+        self._qos = services_profile() if qos is None else qos
         self._replies: dict[int, bytes] = {}
         self._requester = self._create(network)
 
     def _create(self, network: Network) -> Requester:
-        from ...qos import services_profile
-
-        return network.node.create_requester(self._description(), services_profile(), _nothing)
+        return network.node.create_requester(self._description(), self._qos, _nothing)
 
     def _description(self) -> Service:
         from ...middleware.base import Service
@@ -101,7 +106,13 @@ class ServiceClient:
         """
         if self._requester.servers() is None:
             self.wait(lambda: False, _SETTLE)
-        elif not self.wait(self.is_matched, seconds):
+            return
+        patience = _PATIENCE if seconds is None else min(_PATIENCE, seconds)
+        if self.wait(self.is_matched, patience):
+            return
+        if seconds is None:
+            warn(f"{_unmatched(self._service, patience)}; still waiting")
+        if not self.wait(self.is_matched, None if seconds is None else seconds - patience):
             raise _unmatched(self._service, seconds)
 
     def is_matched(self) -> bool:
@@ -193,7 +204,6 @@ class RclpyClient(ServiceClient):
     def _create(self, network: Network) -> Requester:
         from ...middleware import open_middleware
         from ...middleware.base import MiddlewareError
-        from ...qos import services_profile
 
         try:
             self._middleware = open_middleware("ros2")
@@ -201,7 +211,7 @@ class RclpyClient(ServiceClient):
             raise ToolError(f"-m ros2 needs rclpy: {error}") from error
         try:
             node = self._middleware.create_node(network.domain, "/", f"_uros_asks_{os.getpid()}")
-            return node.create_requester(self._description(), services_profile(), _nothing)
+            return node.create_requester(self._description(), self._qos, _nothing)
         except MiddlewareError as error:
             self._middleware.close()
             raise ToolError(f"-m ros2 needs rclpy: {error}") from error
@@ -232,7 +242,10 @@ class RclpyClient(ServiceClient):
 
 
 def _unmatched(service: str, seconds: float | None) -> ToolError:
-    return ToolError(f"a server of {service} was found, but did not match within {seconds:g} s")
+    return ToolError(
+        f"a server of {service} was found, but did not match within {seconds:g} s: its QoS may not"
+        f" fit, which 'uros service info -v {service}' prints"
+    )
 
 
 def _unanswered(service: str, seconds: float | None) -> ToolError:

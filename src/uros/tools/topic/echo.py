@@ -14,7 +14,6 @@ from ..common import (
     discover,
     join,
     positive_float,
-    unsigned_int,
 )
 from ..errors import ToolError, UsageError
 from ..sim_time import add_use_sim_time
@@ -22,6 +21,7 @@ from ..values import plain
 from ..values.expression import Expression
 from ..values.message_reader import MessageReader
 from ..values.qos_subscribe import add_qos_arguments, choose
+from ..values.show_options import add_show_arguments, chosen_show
 from ..values.typed_values import load_message
 from ..values.yaml_text import Value, dump
 from ..waiting import topic_types, warn
@@ -31,7 +31,6 @@ from .output import Output
 if TYPE_CHECKING:
     from ...host.network import Network, Received
 
-_TRUNCATE: Final = 128
 _END: Final = "---\n"
 _WRITE_AGAIN: Final = 0.01  # seconds after which a slow reader of the output may have room
 _TELL: Final = 1.0
@@ -67,27 +66,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         " one --field, m is that field",
     )  # fmt: skip
     parser.add_argument(
-        "--csv", action="store_true", help="print each message as a line of comma-separated values"
-    )
-    parser.add_argument(
         "--raw", action="store_true", help="print the serialized message; needs no type"
     )
-    parser.add_argument("--no-arr", action="store_true", help="do not print arrays")
-    parser.add_argument("--no-str", action="store_true", help="do not print strings")
-    parser.add_argument(
-        "-f", "--full-length", action="store_true", help="do not cut long arrays and strings"
-    )
-    parser.add_argument(
-        "-l",
-        "--truncate-length",
-        metavar="N",
-        type=unsigned_int,
-        default=_TRUNCATE,
-        help=f"cut arrays and strings to this length (default: {_TRUNCATE})",
-    )
-    parser.add_argument(
-        "--flow-style", action="store_true", help="print arrays in brackets on one line"
-    )
+    add_show_arguments(parser)
     parser.add_argument(
         "-i",
         "--include-message-info",
@@ -181,9 +162,7 @@ class Printer:
         self._args = args
         self._paths = [_path(text) for text in args.field or ()]
         self._filter = None if args.filter is None else Expression(args.filter)
-        self._show = plain.Show(
-            None if args.full_length else args.truncate_length, args.no_arr, args.no_str
-        )
+        self._show = chosen_show(args)
         self._reader: MessageReader | None = None
         self.output = Output()
         self.count = 0

@@ -12,6 +12,7 @@ from ..sim_time import add_use_sim_time
 
 if TYPE_CHECKING:
     from ...host.graph_queries import EndpointInfo
+    from ...qos import QoSProfile
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -80,8 +81,6 @@ def endpoint_entry(endpoint: EndpointInfo) -> dict[str, Any]:
 
 def describe(endpoint: EndpointInfo) -> str:
     """Return the lines that ros2 prints about an endpoint."""
-    qos = qos_entry(endpoint.qos)
-    depth = f" ({qos['depth']})" if qos["history"] == "KEEP_LAST" else ""
     return "\n".join(
         [
             f"Node name: {endpoint.node_name}",
@@ -91,15 +90,24 @@ def describe(endpoint: EndpointInfo) -> str:
             f"Endpoint type: {'PUBLISHER' if endpoint.is_publisher else 'SUBSCRIPTION'}",
             f"GID: {endpoint.gid.hex('.')}",
             "QoS profile:",
-            f"  Reliability: {qos['reliability']}",
-            f"  History (Depth): {qos['history']}{depth}",
-            f"  Durability: {qos['durability']}",
-            f"  Lifespan: {_time(qos['lifespan'])}",
-            f"  Deadline: {_time(qos['deadline'])}",
-            f"  Liveliness: {qos['liveliness']}",
-            f"  Liveliness lease duration: {_time(qos['liveliness_lease_duration'])}",
+            *describe_qos(endpoint.qos),
         ]
     )
+
+
+def describe_qos(profile: QoSProfile, indent: str = "  ") -> list[str]:
+    """Return the lines that ros2 prints about a profile."""
+    qos = qos_entry(profile)
+    depth = f" ({qos['depth']})" if qos["history"] == "KEEP_LAST" else ""
+    return [
+        f"{indent}Reliability: {qos['reliability']}",
+        f"{indent}History (Depth): {qos['history']}{depth}",
+        f"{indent}Durability: {qos['durability']}",
+        f"{indent}Lifespan: {_time(qos['lifespan'])}",
+        f"{indent}Deadline: {_time(qos['deadline'])}",
+        f"{indent}Liveliness: {qos['liveliness']}",
+        f"{indent}Liveliness lease duration: {_time(qos['liveliness_lease_duration'])}",
+    ]
 
 
 def _time(nanoseconds: int | None) -> str:

@@ -8,6 +8,7 @@
 ``qos_publish``     The ``--qos-…`` options of a publisher
 ``qos_subscribe``   The ``--qos-…`` options of a subscription, which adapts to the publishers
                     otherwise
+``show_options``    The options of how messages are printed: ``--csv``, ``--no-arr`` and more
 ``typed_values``    The positional arguments TYPE and VALUES, either of which is optional, and
                     ``--stdin``
 ``yaml_read``       YAML text as nested dicts, lists and scalars, read by PyYAML

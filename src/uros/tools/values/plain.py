@@ -35,6 +35,8 @@ _CUT: Final = "..."
 _NUMBER: Final = r"(?:-?\d{1,9})?"
 _INDEX: Final = rf"\[(?:-?\d{{1,9}}|{_NUMBER}(?::{_NUMBER}){{1,2}})\]"
 _STEP: Final = re.compile(rf"(?P<name>[A-Za-z]\w*)(?P<indices>(?:{_INDEX})*)", re.ASCII)
+# The structures of services, which no message has in a field but the events of introspection.
+_SERVICE_PART: Final = re.compile(r"\w+?(?P<of_action>_SendGoal|_GetResult)?_(Request|Response)")
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,11 @@ def describe_array(kind: str, length: int) -> str:
 
 def _type_name(kind: str) -> str:
     package, slash, name = kind.partition("/")
-    return f"{package}/msg/{name}" if slash and "/" not in name else kind.partition("<")[0]
+    if not slash or "/" in name:
+        return kind.partition("<")[0]
+    service = _SERVICE_PART.fullmatch(name)
+    folder = "msg" if service is None else "action" if service["of_action"] else "srv"
+    return f"{package}/{folder}/{name}"
 
 
 def describe_string(text: str) -> str:

@@ -15,15 +15,15 @@ _SYSTEM: Final = "system_default"
 _ADAPTS: Final = "best_available"
 
 
-def add_qos_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
+def add_qos_arguments(parser: argparse.ArgumentParser, preset: str = "default") -> None:
+    """Declare the options; ``preset`` is the default of ``--qos-profile``."""
     group = parser.add_argument_group("quality of service")
     group.add_argument(
         "--qos-profile",
         choices=tuple(PRESETS),
         metavar="NAME",
-        default="default",
-        help=f"preset: {', '.join(PRESETS)} (default: default)",
+        default=preset,
+        help=f"preset: {', '.join(PRESETS)} (default: {preset})",
     )
     group.add_argument(
         "--qos-depth",
@@ -46,7 +46,7 @@ def add_qos_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def choose(args: argparse.Namespace) -> QoSProfile:
-    """Return the profile to publish with.
+    """Return the profile to publish with, or to call a service with.
 
     What is left to the system, or to the subscriptions, is reliable, volatile and automatic, which
     matches every subscription that does not request more.

@@ -30,8 +30,13 @@ PRESETS: Final = {
 _ADAPTS: Final = "best_available"
 
 
-def add_qos_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
+def add_qos_arguments(parser: argparse.ArgumentParser, preset: str | None = None) -> None:
+    """Declare the options.
+
+    Args:
+        parser: Where to declare them.
+        preset: The default of ``--qos-profile``; None is what `choose` says.
+    """
     group = parser.add_argument_group(
         "quality of service",
         "Reliability and durability are those of the publishers unless they are given.",
@@ -40,7 +45,9 @@ def add_qos_arguments(parser: argparse.ArgumentParser) -> None:
         "--qos-profile",
         choices=tuple(PRESETS),
         metavar="NAME",
-        help=f"preset: {', '.join(PRESETS)} (default: sensor_data with depth {_DEFAULT_DEPTH})",
+        default=preset,
+        help=f"preset: {', '.join(PRESETS)}"
+        f" (default: {preset or f'sensor_data with depth {_DEFAULT_DEPTH}'})",
     )
     group.add_argument(
         "--qos-depth",

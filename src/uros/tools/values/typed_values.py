@@ -22,7 +22,7 @@ def add_type_and_values(parser: argparse.ArgumentParser, example: str, what: str
     Args:
         parser: Where to declare them.
         example: A type, for the help.
-        what: What has the type: ``topic`` or ``service``.
+        what: What has the type: ``topic``, ``service`` or ``action``.
     """
     parser.add_argument(
         "type", metavar="TYPE", nargs="?",
@@ -89,10 +89,27 @@ def load_service(type_name: str) -> Any:
         InterfaceError: The type is unknown.
         ToolError: The type is not a service.
     """
-    from ...interfaces import load
-
-    package, _, name = type_name.partition("/")
-    found = load(type_name if not name or "/" in name else f"{package}/srv/{name}")
+    found = _load(type_name, "srv")
     if not hasattr(found, "Request"):
         raise ToolError(f"{type_name} is not a service, such as std_srvs/srv/Trigger")
     return found
+
+
+def load_action(type_name: str) -> Any:
+    """Return the class of an action, also for ``test_msgs/Fibonacci``.
+
+    Raises:
+        InterfaceError: The type is unknown.
+        ToolError: The type is not an action.
+    """
+    found = _load(type_name, "action")
+    if not hasattr(found, "Goal"):
+        raise ToolError(f"{type_name} is not an action, such as test_msgs/action/Fibonacci")
+    return found
+
+
+def _load(type_name: str, kind: str) -> Any:
+    from ...interfaces import load
+
+    package, _, name = type_name.partition("/")
+    return load(type_name if not name or "/" in name else f"{package}/{kind}/{name}")

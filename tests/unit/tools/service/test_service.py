@@ -17,6 +17,12 @@ from uros.tools import cli
         (["call", "/1x"], 2, "'/1x' is not a service name"),
         (["call"], 2, "NAME"),
         (["type", "/x"], 1, "there is no service '/x': no other participant was found in domain"),
+        (["info", "/x"], 1, "there is no service '/x': no other participant was found in domain"),
+        (["echo", "/x"], 1, "there is no service '/x': no other participant was found in domain"),
+        (["echo", "/x", "std_srvs/Triger"], 1, "unknown type 'std_srvs/srv/Triger' (did you mean"),
+        (["echo", "/x", "std_msgs/msg/String"], 1, "std_msgs/msg/String is not a service"),
+        (["echo", "/x", "--truncate-length", "-1"], 2, "'-1' is not an integer of 0 or more"),
+        (["call", "/x", "--qos-depth", "x"], 2, "'x' is not an integer of 0 or more"),
         (["typ"], 2, "did you mean 'type'?"),
     ],
 )

@@ -1,0 +1,55 @@
+import json
+
+import pytest
+
+from uros.tools import cli
+
+FIBONACCI = "test_msgs/action/Fibonacci"
+GOAL = ["send_goal", "/x", FIBONACCI]
+
+
+@pytest.mark.parametrize(
+    "arguments, status, said",
+    [
+        (["send_goal", "/x", "test_msgs/Fibonaci"], 1, "unknown type 'test_msgs/action/Fibonaci'"),
+        (["send_goal", "/x", "std_msgs/msg/String"], 1, "std_msgs/msg/String is not an action"),
+        ([*GOAL, "{ordre: 1}"], 1, "has no field 'ordre'; it has order; did you mean 'order'?"),
+        ([*GOAL, "order: 1.5"], 1, "Fibonacci_Goal.order takes a whole number from -2147483648"),
+        ([*GOAL, "order: 3000000000"], 1, "Fibonacci_Goal.order takes a whole number"),
+        ([*GOAL, "[1]"], 1, "Fibonacci_Goal: the values are fields by name, such as {order: ...}"),
+        ([*GOAL, "{order: 1"], 1, "the values are not YAML"),
+        ([*GOAL, "order: 1", "--stdin"], 1, "give either VALUES or --stdin"),
+        ([*GOAL, "-t", "-1"], 2, "'-1' is not a number of 0 or more"),
+        ([*GOAL, "-t", "0.1"], 1, "there was no server of the action /x within 0.1 s: no other"),
+        (["send_goal", "/x\x1b"], 2, "is not an action name"),
+        (["send_goal"], 2, "NAME"),
+        (["type", "/x"], 1, "there is no action '/x': no other participant was found in domain"),
+        (["type", "/1x"], 2, "'/1x' is not an action name"),
+        (["echo", "/x"], 1, "there is no action '/x'"),
+        (["echo", "/x", "std_srvs/srv/Trigger"], 1, "std_srvs/srv/Trigger is not an action"),
+        (["echo", "/x", "-i", "GOAL"], 2, "'GOAL' is none of GOAL_SERVICE, CANCEL_SERVICE,"),
+        (["echo", "/x", "-i", "STATUS"], 2, "did you mean 'STATUS_TOPIC'?"),
+        (["echo", "/x", "--interfaces", "nowhere"], 1, "nowhere: no such folder"),
+        (["find"], 2, "TYPE"),
+        (["sned_goal"], 2, "did you mean 'send_goal'?"),
+    ],
+)
+def test_errors_of_the_command_line(arguments, status, said, capsys, own_domain_id):
+    if status == 1:
+        arguments = [*arguments, "--domain", str(own_domain_id)]
+    assert cli.main(["action", *arguments]) == status
+    captured = capsys.readouterr()
+    assert said in captured.err
+    assert captured.out in ("", "Waiting for an action server to become available...\n")
+
+
+def test_an_empty_domain(capsys, own_domain_id):
+    for verb, said in (("list", ""), ("list -c", "0\n"), ("list --json", "[]\n"),
+                       (f"find {FIBONACCI} -c", "0\n")):  # fmt: skip
+        assert cli.main(["action", *verb.split(), "--domain", str(own_domain_id)]) == 0
+        assert capsys.readouterr().out == said
+    assert cli.main(["action", "find", "test_msgs/Fibonaci", "--domain", str(own_domain_id)]) == 0
+    assert f"did you mean '{FIBONACCI}'?" in capsys.readouterr().err
+    assert cli.main(["action", "info", "/x", "--json", "--domain", str(own_domain_id)]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed == {"name": "/x", "types": [], "clients": [], "servers": []}
