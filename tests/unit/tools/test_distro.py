@@ -1,6 +1,7 @@
 """--distro and ROS_DISTRO in the tools: whose definitions count."""
 
 import argparse
+from importlib import import_module
 
 import pytest
 
@@ -12,6 +13,8 @@ from uros.tools.common import use_distro
 
 PROGRAM = "from sensor_msgs.msg import Range\nm = Range()\nm.variance = 0.1\n"
 RANGE = "sensor_msgs::msg::dds_::Range_"
+# They join a domain, and use no definition that differs between distributions.
+WITHOUT_DEFINITIONS = {"demo", "doctor.command", "rover.calibrate", "run.command"}
 
 
 @pytest.fixture(autouse=True)
@@ -50,6 +53,27 @@ def test_tools_use_the_definitions_of_the_distribution(capsys, monkeypatch, by):
         monkeypatch.setenv("ROS_DISTRO", "humble")
     assert cli.main(show) == 0
     assert "variance" not in capsys.readouterr().out
+
+
+def verbs(group=cli._ROOT):
+    for member in group.members.values():
+        if isinstance(member, cli.Verb):
+            yield member
+        else:
+            yield from verbs(member)
+
+
+def test_every_verb_that_joins_a_domain_takes_the_distribution():
+    joining = set()
+    for verb in verbs():
+        parser = argparse.ArgumentParser()
+        import_module(f"uros.tools.{verb.module}").add_arguments(parser)
+        options = parser.format_help()
+        if "--domain" in options:
+            joining.add(verb.module)
+            assert ("--distro" in options) == (verb.module not in WITHOUT_DEFINITIONS), verb.module
+    assert {"topic.echo", "bag.record", "param.get", "action.send_goal"} <= joining
+    assert joining > WITHOUT_DEFINITIONS
 
 
 def test_an_unknown_distribution_is_rejected_with_the_known_ones(capsys, monkeypatch):
