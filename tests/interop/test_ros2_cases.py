@@ -232,10 +232,11 @@ def test_topic_echo_without_arrays(uros, topic, described):
     check(uros, f"topic echo --once --no-arr {topic}", [*lines, "alignment_check: 0", "---"])
 
 
-@pytest.mark.parametrize("field", ["not_member", "/", "."])
-def test_topic_echo_of_a_field_that_there_is_not(uros, field):
+@pytest.mark.parametrize(("field", "status"), [("not_member", 1), ("/", 2), (".", 2)])
+def test_topic_echo_of_a_field_that_there_is_not(uros, field, status):
+    """A path of fields that none can have is a wrong command line: 2."""
     assert f"--field {field}" in check(
-        uros, f"topic echo --once /arrays --field {field}", [], 1
+        uros, f"topic echo --once /arrays --field {field}", [], status
     ).replace("'", "")
 
 
