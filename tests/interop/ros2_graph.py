@@ -51,6 +51,7 @@ def topics():
             (UnboundedSequences, "/unbounded_sequences"),
         )
     ]
+    repeater.ears = repeater.create_subscription(String, "/ears", lambda message: None, latched)
     repeater.velocity = repeater.create_publisher(TwistStamped, "/cmd_vel", 10)
 
     def publish():
