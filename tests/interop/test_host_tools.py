@@ -26,7 +26,7 @@ from support.spinning import spinning
 from uros.interfaces import load
 from uros.interfaces.codec import from_cdr, to_cdr
 from uros.tools.run.trigger_service import TriggerService
-from uros.tools.values.fill import constructed
+from uros.tools.values.plain import constructed
 from uros.transport.udp import UdpTransport
 
 pytestmark = pytest.mark.timeout(120)

@@ -18,7 +18,7 @@ from uros.host import network as network_module
 from uros.host.network import Network
 from uros.interfaces import load, registry
 from uros.tools import cli
-from uros.tools.values.fill import constructed
+from uros.tools.values.plain import constructed
 
 pytestmark = pytest.mark.timeout(120)
 

@@ -14,7 +14,8 @@ from importlib.util import find_spec
 from ...names import service_type_from_dds
 from ..common import add_common, add_service, join, positive_float
 from ..errors import ToolError
-from ..values.fill import Filled, constructed
+from ..values.fill import Filled
+from ..values.plain import constructed
 from ..values.qos_publish import add_qos_arguments, choose
 from ..values.typed_values import add_type_and_values, load_service, type_and_text
 from .client import RclpyClient, ServiceClient, find_servers

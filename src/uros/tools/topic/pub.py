@@ -20,7 +20,8 @@ from ..common import (
 )
 from ..errors import ToolError, UsageError, did_you_mean
 from ..sim_time import TOPIC, add_use_sim_time, clock
-from ..values.fill import Filled, constructed
+from ..values.fill import Filled
+from ..values.plain import constructed
 from ..values.qos_publish import add_qos_arguments, choose
 from ..values.typed_values import add_type_and_values, load_message, type_and_text
 from ..waiting import topic_types, warn

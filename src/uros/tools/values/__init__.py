@@ -2,9 +2,9 @@
 
 ==================  ===============================================================================
 ``expression``      Evaluates the expression of ``--filter``, a small part of Python, on messages
-``fill``            Fills messages with values in YAML, and prints them, as ``ros2 topic pub`` does
+``fill``            Fills messages with values in YAML, as ``ros2 topic pub`` does
 ``message_reader``  Reads messages, and warns about those that cannot be read
-``plain``           Converts messages to plain values and to CSV, as ``topic echo`` prints them
+``plain``           Converts messages to plain values, CSV and ``repr`` text, as ros2 prints them
 ``qos_publish``     The ``--qos-…`` options of a publisher
 ``qos_subscribe``   The ``--qos-…`` options of a subscription, which adapts to the publishers
                     otherwise

@@ -1,4 +1,4 @@
-"""Fills messages with values in YAML, and prints them, as ``ros2 topic pub`` does.
+"""Fills messages with values in YAML, as ``ros2 topic pub`` does.
 
 The type of a field decides what a value means: ``1`` is true for a bool and text for a string, and
 ``yes`` is text for a string, where ros2 would send ``True``. A value that does not fit is refused
@@ -232,21 +232,3 @@ def _shown(node: Node) -> str:
     else:
         text = repr(node)
     return text if len(text) <= _MOST_SHOWN else text[:_MOST_SHOWN] + "..."
-
-
-# --- printing -------------------------------------------------------------------------------
-
-
-def constructed(message: Any) -> str:
-    """Return the message as rclpy's ``repr`` prints it, but without numpy's name for arrays."""
-    parts = [f"{name}={_constructed(value, kind)}" for name, kind, value in plain.fields(message)]
-    return f"{message._TYPE.replace('/', '.')}({', '.join(parts)})"
-
-
-def _constructed(value: Any, kind: str) -> str:
-    inner = plain.element(kind)
-    if inner:
-        return "[" + ", ".join([_constructed(item, inner) for item in value]) + "]"
-    if kind == "octet":
-        return repr(bytes([value]) if isinstance(value, int) else bytes(value))
-    return constructed(value) if plain.is_message(value) else repr(value)

@@ -273,6 +273,19 @@ def text(value: Any, kind: str) -> str:
     match = _SEQUENCE.fullmatch(kind)
     if match and match["inner"] in _CODES:
         return str(array(_CODES[match["inner"]], value))
-    if element(kind) == "octet":
-        return str([bytes([item]) for item in value])
-    return printable(str(list(value)) if element(kind) else str(value), "\n\t")
+    return printable(_constructed(value, kind) if element(kind) else str(value), "\n\t")
+
+
+def constructed(message: Any) -> str:
+    """Return the message as rclpy's ``repr`` prints it, but without numpy's name for arrays."""
+    parts = [f"{name}={_constructed(value, kind)}" for name, kind, value in fields(message)]
+    return f"{message._TYPE.replace('/', '.')}({', '.join(parts)})"
+
+
+def _constructed(value: Any, kind: str) -> str:
+    inner = element(kind)
+    if inner:
+        return "[" + ", ".join([_constructed(item, inner) for item in value]) + "]"
+    if kind == "octet":
+        return repr(bytes([value]) if isinstance(value, int) else bytes(value))
+    return constructed(value) if is_message(value) else repr(value)

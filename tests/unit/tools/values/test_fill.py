@@ -5,10 +5,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from uros.interfaces import load
-from uros.interfaces.codec import from_cdr, to_cdr
+from uros.interfaces.codec import to_cdr
 from uros.tools.errors import ToolError
 from uros.tools.values import plain
-from uros.tools.values.fill import Filled, constructed
+from uros.tools.values.fill import Filled
 from uros.tools.values.yaml_text import dump
 
 
@@ -151,12 +151,3 @@ FLOATS = st.floats(allow_nan=False)
 def test_output_of_echo_can_be_published(message):
     text = dump(plain.plain(message, plain.Show(truncate=None)))
     assert to_cdr(Filled(type(message), text).message) == to_cdr(message)
-
-
-def test_constructed():
-    assert constructed(load("std_srvs/Trigger").Request()) == "std_srvs.srv.Trigger_Request()"
-    pose = load("geometry_msgs/Point")(x=1.0)
-    assert constructed(pose) == "geometry_msgs.msg.Point(x=1.0, y=0.0, z=0.0)"
-    kind = load("std_msgs/ByteMultiArray")
-    data = from_cdr(kind, to_cdr(kind(data=[1])))
-    assert constructed(data).endswith("data=[b'\\x01'])")

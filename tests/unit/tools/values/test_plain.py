@@ -3,6 +3,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from uros.interfaces import load
+from uros.interfaces.codec import from_cdr, to_cdr
 from uros.tools.values import plain as values
 from uros.tools.values.plain import Show
 
@@ -163,3 +164,20 @@ def test_elements_and_slices():
         with pytest.raises(values.FieldError) as caught:
             selected(text)
         assert said in str(caught.value)
+
+
+def test_constructed():
+    assert (
+        values.constructed(load("std_srvs/Trigger").Request()) == "std_srvs.srv.Trigger_Request()"
+    )
+    pose = load("geometry_msgs/Point")(x=1.0)
+    assert values.constructed(pose) == "geometry_msgs.msg.Point(x=1.0, y=0.0, z=0.0)"
+    kind = load("std_msgs/ByteMultiArray")
+    data = from_cdr(kind, to_cdr(kind(data=[1])))
+    assert values.constructed(data).endswith("data=[b'\\x01'])")
+
+
+def test_a_field_that_is_an_array_of_messages():
+    arrays = load("test_msgs/msg/Arrays")()
+    text = values.text(*values.select(arrays, ["basic_types_values"]))
+    assert text.startswith("[test_msgs.msg.BasicTypes(bool_value=False, byte_value=b'\\x00', ")
