@@ -112,6 +112,7 @@ _ROOT: Final = Group(
                 "call": Verb("call a service", "service.call"),
                 "echo": Verb("print the requests and responses of a service", "service.echo"),
             },
+            "--include-hidden-services",
         ),
         "action": Group(
             "list actions, and send goals",
@@ -123,7 +124,6 @@ _ROOT: Final = Group(
                 "send_goal": Verb("send a goal, and print its result", "action.send_goal"),
                 "echo": Verb("print the messages of an action", "action.echo"),
             },
-            "--include-hidden-services",
         ),
         "lifecycle": Group(
             "print and change the states of nodes with a life cycle",

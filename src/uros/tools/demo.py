@@ -179,8 +179,6 @@ def run(args: argparse.Namespace) -> int:
             board.start()
         except StartError as error:
             raise ToolError(str(error)) from error
-        except TimeoutError as error:
-            raise ToolError(f"{error}: is this machine busy? Try again when it is not") from error
         try:
             print(
                 f"A virtual EK-RA6M5 (engine {args.engine}) runs, with an agent in ROS domain"

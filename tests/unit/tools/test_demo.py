@@ -56,7 +56,8 @@ def test_a_board_that_is_not_ready_in_time_is_an_error_of_one_line(
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     assert cli.main(["demo", "--domain", str(own_domain_id)]) == 1
     assert capsys.readouterr().err == (
-        "uros: waited 0 s for the board to start: is this machine busy? Try again when it is not\n"
+        "uros: waited 0 s for the board to start: is this machine busy? Run fewer programs or"
+        " boards, and try again\n"
     )
 
 
