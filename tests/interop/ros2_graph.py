@@ -19,7 +19,7 @@ from test_msgs.action import Fibonacci
 from test_msgs.msg import Arrays, BoundedSequences, Defaults, Strings, UnboundedSequences
 from test_msgs.srv import BasicTypes
 
-PERIOD = 0.1
+PERIOD = 0.25
 PARAMETERS = {
     "flag": True,
     "flags": [False, True],
