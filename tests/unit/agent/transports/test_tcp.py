@@ -112,7 +112,7 @@ def test_connections_over_the_limit_are_refused(agent, raw, monkeypatch):
     monkeypatch.setattr(module, "MAX_CONNECTIONS", len(agent.transport._connections))
     with socket.create_connection(("127.0.0.1", agent.transport.port), SECONDS) as second_socket:
         assert second_socket.recv(1) == b""
-    assert "connection refused" in agent.said.getvalue()
+    wait_for(agent.said.getvalue, "connection refused", 1)  # said once the socket is closed
     monkeypatch.undo()
     with socket.create_connection(("127.0.0.1", agent.transport.port), SECONDS) as second_socket:
         second_socket.sendall(framed(PING))
