@@ -1,5 +1,6 @@
 """The host's node: joining the network, taking samples, services, Ctrl-C and leaving."""
 
+import functools
 import select
 import signal
 import subprocess
@@ -922,7 +923,10 @@ def test_a_node_without_an_agent_says_so_once_and_goes_on(monkeypatch, capsys):
         waiting = Node("waiting", UdpTransport("127.0.0.1", 9))
 
         def interrupt_soon(text):
-            threading.Timer(0.05, lambda: signal.raise_signal(signal.SIGINT)).start()
+            # Of this thread, as by a terminal: one of the timer's would not end the wait.
+            waiting_thread = threading.get_ident()
+            interrupt = functools.partial(signal.pthread_kill, waiting_thread, signal.SIGINT)
+            threading.Timer(0.05, interrupt).start()
             return text
 
         monkeypatch.setattr("uros.host.no_agent.printable", interrupt_soon)
