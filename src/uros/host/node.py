@@ -97,13 +97,13 @@ class Node(node.Node):
 
     def _spin_once(self, timeout_sec: float | None) -> bool:
         """Spin once; meanwhile say that there is no agent, when that is due."""
-        if self._notice is not None:
-            left = self._notice.left()
-            if left is not None and (timeout_sec is None or left < timeout_sec):
-                if super().spin_once(left):
-                    return True
-                timeout_sec = None if timeout_sec is None else timeout_sec - left
-                self._notice.left()
+        # A wait may end some milliseconds early: until the line is printed, or never due.
+        while self._notice is not None and (left := self._notice.left()) is not None:
+            if timeout_sec is not None and timeout_sec <= left:
+                break
+            if super().spin_once(left):
+                return True
+            timeout_sec = None if timeout_sec is None else timeout_sec - left
         return super().spin_once(timeout_sec)
 
     def _serve(self) -> None:

@@ -13,6 +13,7 @@ from support.signals import default_signals
 
 import uros
 from uros.client import AGENT_CONNECTED, AGENT_DISCONNECTED, WAITING_AGENT
+from uros.client.node import Node as ClientNode
 from uros.client.triggers import trigger_all
 from uros.host import interrupt
 from uros.host.direct import Direct
@@ -938,6 +939,26 @@ def test_a_node_without_an_agent_says_so_once_and_goes_on(monkeypatch, capsys):
     finally:
         node.destroy_node()
     assert ticks
+
+
+def test_a_wait_that_ends_early_does_not_keep_the_notice_from_being_printed(monkeypatch, capsys):
+    monkeypatch.setattr("uros.host.no_agent.PATIENCE", 0.02)
+    node = Node("counter", UdpTransport("127.0.0.1", 9))
+    waits = []
+
+    def end_early(self, timeout_sec=None):
+        waits.append(timeout_sec)
+        time.sleep(0 if timeout_sec is None else timeout_sec / 2)
+        return False
+
+    monkeypatch.setattr(ClientNode, "spin_once", end_early)
+    try:
+        node.spin_once(None)
+        assert len(waits) > 2 and waits[-1] is None and None not in waits[:-1]
+        assert capsys_has(capsys, "no agent has answered the node counter")
+    finally:
+        monkeypatch.undo()
+        node.destroy_node()
 
 
 def test_the_transports_of_the_notice_exist():
