@@ -216,7 +216,13 @@ def test_lean_errors_are_of_the_same_kind_and_name_the_type(
 
 
 @pytest.mark.timeout(300)  # a thousand tests in one interpreter
-@pytest.mark.parametrize("options", [FORMS[0], FORMS[-1]])
+@pytest.mark.parametrize(
+    "options",
+    [
+        pytest.param(*FORMS[0].values, id=FORMS[0].id, marks=pytest.mark.slow),
+        FORMS[-1],
+    ],
+)
 def test_portable_tests_pass(micropython: MicroPython, tmp_path: Path, options: dict) -> None:
     """All portable tests pass as one program in one interpreter.
 

@@ -23,6 +23,7 @@ from uros.interfaces.generate import attribute_name, field_type_name
 from uros.interfaces.runtime import check_value
 
 from .modules import Module
+from .scopes import walk
 from .type_inference import Program, Value, instance, last
 
 _METHODS: Final = {
@@ -48,7 +49,7 @@ class _Faults:
 
     def __iter__(self) -> Iterator[str]:
         for module in self.modules:
-            for node in ast.walk(module.tree):
+            for node in walk(module.tree):
                 place = f"{module.source}:{getattr(node, 'lineno', 0)}"
                 if isinstance(node, ast.Attribute):
                     yield from self._unknown_field(node, place)

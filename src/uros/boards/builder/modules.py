@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
-from .scopes import FUNCTIONS
+from .scopes import FUNCTIONS, walk
 
 ABSENT: Final = {
     "__future__", "abc", "collections.abc", "contextlib", "dataclasses", "enum", "functools",
@@ -106,7 +106,7 @@ def named_from_outside(modules: Iterable[Module]) -> set[str]:
     """Return the names that may refer to another module's: of imports, attributes and strings."""
     used: set[str] = set()
     for module in modules:
-        for node in ast.walk(module.tree):
+        for node in walk(module.tree):
             if isinstance(node, ast.Attribute):
                 used.add(node.attr)
             elif isinstance(node, ast.ImportFrom):
@@ -124,12 +124,12 @@ def known_names(tree: ast.Module, others: Iterable[Module]) -> set[str]:
     """
     names = {"__init__"}
     for other in others:
-        for node in ast.walk(other.tree):
+        for node in walk(other.tree):
             names.update(value for value in vars(node).values() if isinstance(value, str))
             for value in vars(node).values():  # as of global statements
                 if isinstance(value, list):
                     names.update(text for text in value if isinstance(text, str))
-    for node in ast.walk(tree):
+    for node in walk(tree):
         if isinstance(node, ast.Constant) and isinstance(node.value, str):
             names.add(node.value)
         elif isinstance(node, ast.keyword) and node.arg:

@@ -16,7 +16,7 @@ from .errors import BuildError, MissingModule, SourceError
 from .modules import ABSENT, Module, Wanted, imports
 from .passes.strip import strip
 from .portable import FOLDERS, MODULES, SOURCE, is_portable
-from .scopes import bound
+from .scopes import bound, walk
 
 # The modules of MicroPython 1.27 and its ports, and those that micropython-lib adds.
 _PROVIDED: Final = {
@@ -268,7 +268,7 @@ class Resolver:
                 self.types.setdefault(registry.file_type(full), importer)
             return
         # The import binds the module itself, so its types that are named as attributes are needed.
-        attributes = {n.attr for n in ast.walk(importer.tree) if isinstance(n, ast.Attribute)}
+        attributes = {n.attr for n in walk(importer.tree) if isinstance(n, ast.Attribute)}
         for kind in kinds:
             for name in attributes.intersection(registry.names_in(parts[0], kind)):
                 self.types.setdefault(f"{parts[0]}/{kind}/{name}", importer)
@@ -279,7 +279,7 @@ class Resolver:
             isinstance(node, ast.Attribute) and node.attr == "unpack_into"
             for name, module in self.modules.items()
             if not name.startswith("uros.interfaces.")
-            for node in ast.walk(module.tree)
+            for node in walk(module.tree)
         )
 
     def generate_interfaces(self) -> None:
@@ -306,7 +306,7 @@ def _did_you_mean(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
 def _bound_names(module: Module) -> set[str]:
     """Return all names that a module may bind, conditional bindings included."""
     names = set(bound(module.tree.body))
-    for node in ast.walk(module.tree):
+    for node in walk(module.tree):
         if isinstance(node, ast.Global):
             names.update(node.names)
     return names
@@ -316,11 +316,11 @@ def _type_checking_lines(module: Module) -> set[int]:
     """Return the lines of imports under ``if TYPE_CHECKING:``, which never run on a board."""
     return {
         inner.lineno
-        for node in ast.walk(module.tree)
+        for node in walk(module.tree)
         if isinstance(node, ast.If)
         and ast.unparse(node.test) in ("TYPE_CHECKING", "typing.TYPE_CHECKING")
         for statement in node.body
-        for inner in ast.walk(statement)
+        for inner in walk(statement)
         if isinstance(inner, ast.ImportFrom)
     }
 

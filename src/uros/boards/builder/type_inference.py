@@ -17,7 +17,7 @@ from uros.interfaces.generate import attribute_name
 from uros.interfaces.parse import Action, Message, Service
 
 from .modules import Module, absolute
-from .scopes import FUNCTIONS
+from .scopes import FUNCTIONS, walk
 
 Value = tuple[Any, ...] | None
 """The inferred value of an expression: ("message", type name); None if it is unknown.
@@ -275,7 +275,7 @@ class Program:
 
     def annotated_value(self, annotation: ast.expr, at: ast.AST) -> Value:
         """Return the value that an annotation declares, in the scope of the node ``at``."""
-        for node in ast.walk(annotation):
+        for node in walk(annotation):
             self.scopes.setdefault(node, self.scopes[at])
         value = self.infer(annotation)
         if value is None or value == _NOTHING:
@@ -346,7 +346,7 @@ class _Collector(ast.NodeVisitor):
         self.module = module
         self.scope = _Scope(module, module.tree, None)
         program.tops[module.name] = self.scope
-        for outer in ast.walk(module.tree):
+        for outer in walk(module.tree):
             for inner in ast.iter_child_nodes(outer):
                 program.parents[inner] = outer
         self.visit(module.tree)
@@ -402,7 +402,7 @@ class _Collector(ast.NodeVisitor):
         scope = self.open(node)
         args = node.args
         program = self.program
-        for arg in ast.walk(args):
+        for arg in walk(args):
             if isinstance(arg, ast.arg) and arg.annotation is not None:
                 self.visit(arg.annotation)
         for at, arg in enumerate((*args.posonlyargs, *args.args)):
@@ -652,7 +652,7 @@ def _defaults(args: ast.arguments) -> list[ast.expr]:
 
 
 def _names(target: ast.AST) -> list[str]:
-    return [node.id for node in ast.walk(target) if isinstance(node, ast.Name)]
+    return [node.id for node in walk(target) if isinstance(node, ast.Name)]
 
 
 def _same_scope(body: Iterable[ast.AST]) -> Iterator[ast.AST]:

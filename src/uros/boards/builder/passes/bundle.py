@@ -18,7 +18,7 @@ from typing import Final
 
 from ..foreign_names import BUILTINS
 from ..modules import Module, absolute, imports
-from ..scopes import Renaming, Scopes, bound, scoped_names
+from ..scopes import Renaming, Scopes, bound, scoped_names, walk
 
 BUNDLE: Final = "uros._all"
 """The name of the bundle."""
@@ -59,7 +59,7 @@ def _check_module_uses(
 ) -> None:
     """Raise NotBundled if a program's module does more than read names of uros's modules."""
     module_names: dict[str, str] = {}  # local name -> full name of the module
-    for node in ast.walk(module.tree):
+    for node in walk(module.tree):
         if isinstance(node, ast.Import):
             for alias in node.names:
                 top = alias.name.partition(".")[0]
@@ -76,17 +76,15 @@ def _check_module_uses(
         local_name: name for local_name, name in module_names.items() if name in packages
     }
     rebound = {
-        inner.id
-        for inner in ast.walk(module.tree)
-        if isinstance(inner, ast.Name) and _is_bound(inner)
+        inner.id for inner in walk(module.tree) if isinstance(inner, ast.Name) and _is_bound(inner)
     }
-    rebound |= {inner.arg for inner in ast.walk(module.tree) if isinstance(inner, ast.arg)}
+    rebound |= {inner.arg for inner in walk(module.tree) if isinstance(inner, ast.arg)}
     module_level = _ModuleNames()
     module_level.visit(module.tree)
     parents = {
-        id(child): node for node in ast.walk(module.tree) for child in ast.iter_child_nodes(node)
+        id(child): node for node in walk(module.tree) for child in ast.iter_child_nodes(node)
     }
-    for node in ast.walk(module.tree):
+    for node in walk(module.tree):
         if not isinstance(node, ast.Name) or node.id not in module_names:
             continue
         if node.id in rebound and id(node) not in module_level.names:
@@ -209,7 +207,7 @@ def _respelled(modules: Iterable[Module]) -> set[str]:
     """Return the names that code reaches as attributes, or by an alias."""
     names: set[str] = set()
     for module in modules:
-        for node in ast.walk(module.tree):
+        for node in walk(module.tree):
             if isinstance(node, ast.Attribute):
                 names.add(node.attr)
             elif isinstance(node, ast.ImportFrom):
@@ -223,7 +221,7 @@ def _locals(modules: Iterable[Module]) -> set[str]:
 
 
 def _identifiers(modules: Iterable[Module]) -> set[str]:
-    return {n.id for m in modules for n in ast.walk(m.tree) if isinstance(n, ast.Name)}
+    return {n.id for m in modules for n in walk(m.tree) if isinstance(n, ast.Name)}
 
 
 def _is_bound(node: ast.Name) -> bool:
@@ -246,16 +244,13 @@ class _ModuleNames(Scopes):
 def _rebound(module: Module) -> set[str]:
     """Return the names of a module that its functions rebind."""
     return {
-        name
-        for node in ast.walk(module.tree)
-        if isinstance(node, ast.Global)
-        for name in node.names
+        name for node in walk(module.tree) if isinstance(node, ast.Global) for name in node.names
     }
 
 
 def _top_level(module: Module) -> Iterator[str]:
     yield from bound(module.tree.body)
-    for node in ast.walk(module.tree):
+    for node in walk(module.tree):
         if isinstance(node, ast.Global):
             yield from node.names
 

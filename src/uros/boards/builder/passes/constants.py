@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from ..modules import Module, absolute, named_from_outside
-from ..scopes import Scopes, bound, times_bound
+from ..scopes import Scopes, bound, times_bound, walk
 
 Scalar = int | bool | str | bytes
 LONGEST: Final = 16
@@ -25,7 +25,7 @@ def inline_constants(modules: dict[str, Module]) -> None:
     stored = {
         node.attr
         for module in modules.values()
-        for node in ast.walk(module.tree)
+        for node in walk(module.tree)
         if isinstance(node, ast.Attribute) and not isinstance(node.ctx, ast.Load)
     }
     library = [module for module in modules.values() if not module.own]
@@ -214,7 +214,7 @@ def _literal(value: Scalar, at: ast.AST) -> ast.expr:
 
 def _drop_private(module: Module, names: Iterable[str], outside_names: set[str]) -> None:
     private = {name for name in names if _is_private(name)} - outside_names
-    for node in ast.walk(module.tree):
+    for node in walk(module.tree):
         if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load):
             private.discard(node.id)
     module.tree.body = [

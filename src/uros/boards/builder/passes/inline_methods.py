@@ -25,7 +25,7 @@ import copy
 from collections.abc import Iterable
 from typing import Final
 
-from ..scopes import COMPREHENSIONS, FUNCTIONS, bound, parameters
+from ..scopes import COMPREHENSIONS, FUNCTIONS, bound, parameters, walk
 
 _INNER: Final = (
     *FUNCTIONS, *COMPREHENSIONS, ast.Lambda, ast.Yield, ast.YieldFrom, ast.Await, ast.Global,
@@ -48,7 +48,7 @@ def inline_methods(tree: ast.Module, named: Iterable[str]) -> None:
 def _inline_one(tree: ast.Module, fixed: set[str]) -> bool:
     uses: dict[str, int] = {}
     defined: dict[str, int] = {}
-    for node in ast.walk(tree):
+    for node in walk(tree):
         if isinstance(node, ast.Attribute):
             uses[node.attr] = uses.get(node.attr, 0) + 1
         elif isinstance(node, ast.Name):  # a class body refers to its own methods by name
@@ -59,19 +59,23 @@ def _inline_one(tree: ast.Module, fixed: set[str]) -> bool:
     for owner in tree.body:
         if not isinstance(owner, ast.ClassDef):
             continue
+        callers: dict[str, ast.FunctionDef] = {}  # the last method that uses each attribute
+        for caller in owner.body:
+            if isinstance(caller, ast.FunctionDef):
+                names = (node.attr for node in walk(caller) if isinstance(node, ast.Attribute))
+                callers.update(dict.fromkeys(names, caller))
         for method in owner.body:
             if (
                 isinstance(method, ast.FunctionDef)
                 and uses.get(method.name) == 1
                 and defined[method.name] == 1
                 and method.name not in fixed
+                and callers.get(method.name, method) is not method
                 and _is_plain(method)
+                and _CallInliner(method, callers[method.name]).done
             ):
-                for caller in owner.body:
-                    if isinstance(caller, ast.FunctionDef) and caller is not method:
-                        if _CallInliner(method, caller).done:
-                            owner.body.remove(method)
-                            return True
+                owner.body.remove(method)
+                return True
     return False
 
 
@@ -84,7 +88,7 @@ def _is_plain(method: ast.FunctionDef) -> bool:
         return False
     if not _has_self(method) or not _returns_nothing(method.body):
         return False
-    if any(isinstance(n, ast.Raise) and n.exc is None for n in ast.walk(method)):
+    if any(isinstance(n, ast.Raise) and n.exc is None for n in walk(method)):
         return False  # it re-raises the error that the caller handles
     own = set(bound(method.body)) - set(parameters(args))
     return all(_is_bound_first(name, method.body) for name in own)
@@ -92,7 +96,7 @@ def _is_plain(method: ast.FunctionDef) -> bool:
 
 def _has_self(method: ast.FunctionDef) -> bool:
     """Return whether the method is one scope, in which ``self`` is the receiver throughout."""
-    if any(isinstance(n, _INNER) for n in ast.walk(method) if n is not method):
+    if any(isinstance(n, _INNER) for n in walk(method) if n is not method):
         return False
     first = [arg.arg for arg in method.args.args[:1]]
     return first == ["self"] and "self" not in bound(method.body)
@@ -100,11 +104,11 @@ def _has_self(method: ast.FunctionDef) -> bool:
 
 def _returns_nothing(body: list[ast.stmt]) -> bool:
     """Return whether the body returns no value, and not from within a loop or a ``try``."""
-    for node in ast.walk(ast.Module(body, [])):
+    for node in walk(ast.Module(body, [])):
         if isinstance(node, ast.Return) and node.value is not None:
             return False
         if isinstance(node, (ast.For, ast.While, ast.Try, ast.With)):
-            if any(isinstance(inner, ast.Return) for inner in ast.walk(node)):
+            if any(isinstance(inner, ast.Return) for inner in walk(node)):
                 return False
     return True
 
@@ -157,7 +161,7 @@ def _count(name: str, nodes: Iterable[ast.AST]) -> int:
         (isinstance(inner, ast.Name) and inner.id == name)
         or (isinstance(inner, ast.ExceptHandler) and inner.name == name)
         for node in nodes
-        for inner in ast.walk(node)
+        for inner in walk(node)
     )
 
 
@@ -171,12 +175,12 @@ class _CallInliner(ast.NodeTransformer):
             return
         self.parameters = set(parameters(caller.args))
         self.taken = self.parameters | set(bound(caller.body))
-        names = {n.id for n in ast.walk(method) if isinstance(n, ast.Name)}
+        names = {n.id for n in walk(method) if isinstance(n, ast.Name)}
         own = set(parameters(method.args)) | set(bound(method.body))
         if (names - own) & self.taken:
             return  # a global of the method is a variable of the caller
         # A global that one of the two reads must not become a variable of the caller.
-        self.taken |= names | own | {n.id for n in ast.walk(caller) if isinstance(n, ast.Name)}
+        self.taken |= names | own | {n.id for n in walk(caller) if isinstance(n, ast.Name)}
         caller.body = [self.visit(statement) for statement in caller.body]
         caller.body = _flatten_blocks(caller.body)
 
@@ -213,7 +217,7 @@ class _CallInliner(ast.NodeTransformer):
             assign.targets[0].id = fresh[assign.targets[0].id]
         block = ast.Module(body, [])
         _SubstituteNames(names, fresh).visit(block)
-        if any(isinstance(inner, ast.Return) for inner in ast.walk(block)):
+        if any(isinstance(inner, ast.Return) for inner in walk(block)):
             _ReturnToBreak().visit(block)
             if not isinstance(block.body[-1], ast.Break):
                 block.body.append(ast.Break())

@@ -16,6 +16,7 @@ import ast
 from collections.abc import Callable
 
 from ..modules import Module, absolute, imports
+from ..scopes import walk
 
 
 def link_imports(
@@ -48,7 +49,7 @@ def link_imports(
 def _link(module: Module, bundle: str, reexports: dict[str, dict[str, str]]) -> None:
     lines = module.text.split("\n")
     linked = []
-    for node in ast.walk(module.tree):
+    for node in walk(module.tree):
         if not isinstance(node, ast.ImportFrom):
             continue
         names = reexports.get(absolute(node, module), {})

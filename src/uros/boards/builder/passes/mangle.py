@@ -15,7 +15,7 @@ from typing import Final
 
 from ..foreign_names import ATTRIBUTES, BUILTINS, CLASSES
 from ..modules import Module, known_names
-from ..scopes import FUNCTIONS, Renaming, bound, parameters, scoped_names, times_bound
+from ..scopes import FUNCTIONS, Renaming, bound, parameters, scoped_names, times_bound, walk
 from .strip import receiver
 
 # MicroPython gives these fixed numbers (py/makeqstrdata.py), which bytecode files rely on.
@@ -58,15 +58,15 @@ def mangle(bundled: Module, others: Iterable[Module]) -> None:
     trees = [bundled.tree, *(other.tree for other in others)]
     _rename_attributes(bundled.tree, fixed, _free_names(trees))
     _rename_globals(bundled.tree, fixed)
-    names = {n.attr for n in ast.walk(bundled.tree) if isinstance(n, ast.Attribute)}
+    names = {n.attr for n in walk(bundled.tree) if isinstance(n, ast.Attribute)}
     names |= set(bound(bundled.tree.body)) | set(_IN_ROM) | {"self"}
     for tree in trees:
-        for node in ast.walk(tree):
+        for node in walk(tree):
             if isinstance(node, ast.keyword) and node.arg:
                 names.add(node.arg)
             elif isinstance(node, ast.Constant) and isinstance(node.value, str):
                 names.add(node.value)
-    for node in ast.walk(bundled.tree):
+    for node in walk(bundled.tree):
         if isinstance(node, FUNCTIONS):
             _rename_parameters(node, names)
 
@@ -75,13 +75,13 @@ def _free_names(trees: list[ast.Module]) -> list[str]:
     """Return names that the bundle contains in any case, and that no attribute has."""
     present: set[str] = set()
     taken: set[str] = set()
-    for node in ast.walk(trees[0]):
+    for node in walk(trees[0]):
         if isinstance(node, ast.Name) and node.id in BUILTINS:
             present.add(node.id)
         elif isinstance(node, (ast.Import, ast.ImportFrom)):
             present.update(bound([node]))
     for tree in trees:
-        for node in ast.walk(tree):
+        for node in walk(tree):
             if isinstance(node, ast.Attribute):
                 taken.add(node.attr)
             elif isinstance(node, ast.ClassDef):
@@ -110,8 +110,8 @@ def _new_names(old_names: Iterable[str], taken: set[str], pool: Iterable[str]) -
 
 def _rename_attributes(tree: ast.Module, fixed: set[str], free: list[str]) -> None:
     """Rename attributes that classes of the bundle bind, unless other objects may have the name."""
-    used = {n.attr for n in ast.walk(tree) if isinstance(n, ast.Attribute)}
-    classes = [n for n in ast.walk(tree) if isinstance(n, ast.ClassDef)]
+    used = {n.attr for n in walk(tree) if isinstance(n, ast.Attribute)}
+    classes = [n for n in walk(tree) if isinstance(n, ast.ClassDef)]
     own_classes = {node.name for node in classes}
     fixed_names = fixed | ATTRIBUTES | _module_attributes(tree)
     defined: set[str] = set()
@@ -119,7 +119,7 @@ def _rename_attributes(tree: ast.Module, fixed: set[str], free: list[str]) -> No
         own = set(bound(node.body))
         own |= {
             n.attr
-            for n in ast.walk(node)
+            for n in walk(node)
             if isinstance(n, ast.Attribute)
             and isinstance(n.ctx, ast.Store)
             and isinstance(n.value, ast.Name)
@@ -128,7 +128,7 @@ def _rename_attributes(tree: ast.Module, fixed: set[str], free: list[str]) -> No
         defined |= own
         if any(not _is_known_base(base, own_classes) for base in node.bases):
             # A base from outside of uros may have an attribute of any name.
-            fixed_names |= own | {n.attr for n in ast.walk(node) if isinstance(n, ast.Attribute)}
+            fixed_names |= own | {n.attr for n in walk(node) if isinstance(n, ast.Attribute)}
     renamed = {name for name in defined - fixed_names if not name.startswith("__")}
     families = _families(classes)
     families_of = _families_by_attribute(tree, families)
@@ -197,7 +197,7 @@ def _loaded_by_bodies(classes: list[ast.ClassDef]) -> set[str]:
                 parts += [default for default in member.args.kw_defaults if default is not None]
             else:
                 parts.append(member)
-    names = (n for part in parts for n in ast.walk(part) if isinstance(n, ast.Name))
+    names = (n for part in parts for n in walk(part) if isinstance(n, ast.Name))
     return {n.id for n in names if isinstance(n.ctx, ast.Load)}
 
 
@@ -225,12 +225,12 @@ def _module_attributes(tree: ast.Module) -> set[str]:
     """Return the attributes of modules and of their objects: ``sys.implementation.name``."""
     modules = {
         alias.asname or alias.name.partition(".")[0]
-        for node in ast.walk(tree)
+        for node in walk(tree)
         if isinstance(node, ast.Import)
         for alias in node.names
     }
     attributes = set()
-    for node in ast.walk(tree):
+    for node in walk(tree):
         value = node
         while isinstance(value, ast.Attribute):
             value = value.value
@@ -262,7 +262,7 @@ def _rename_members(node: ast.ClassDef, new: dict[str, str]) -> None:
             parts = [*member.decorator_list, *member.bases]
             member.name = new.get(member.name, member.name)
         for part in parts:
-            for inner in ast.walk(part):
+            for inner in walk(part):
                 if isinstance(inner, ast.Name):
                     if inner.id in bound_names or not isinstance(inner.ctx, ast.Load):
                         inner.id = new.get(inner.id, inner.id)
@@ -290,17 +290,17 @@ def _rename_globals(tree: ast.Module, fixed: set[str]) -> None:
             renamed.discard(node.name)
     imported = {
         name
-        for node in ast.walk(tree)
+        for node in walk(tree)
         if isinstance(node, (ast.Import, ast.ImportFrom))
         for name in bound([node])
     }
-    for inner in ast.walk(tree):
+    for inner in walk(tree):
         if isinstance(inner, ast.ClassDef):  # X = X in a class body reads the module's X
             renamed -= set(bound(inner.body))
-    names = {n.id for n in ast.walk(tree) if isinstance(n, ast.Name)}
-    names |= {n.arg for n in ast.walk(tree) if isinstance(n, ast.arg)}
-    names |= {n.name for n in ast.walk(tree) if isinstance(n, (*FUNCTIONS, ast.ClassDef))}
-    attributes = {n.attr for n in ast.walk(tree) if isinstance(n, ast.Attribute)}
+    names = {n.id for n in walk(tree) if isinstance(n, ast.Name)}
+    names |= {n.arg for n in walk(tree) if isinstance(n, ast.arg)}
+    names |= {n.name for n in walk(tree) if isinstance(n, (*FUNCTIONS, ast.ClassDef))}
+    attributes = {n.attr for n in walk(tree) if isinstance(n, ast.Attribute)}
     attributes = {name for name in attributes if not name.startswith("__") and name not in BUILTINS}
     old_names = sorted(
         name
@@ -332,13 +332,13 @@ def _drop_aliases(tree: ast.Module, fixed: set[str]) -> None:
 
 
 def _names(node: ast.AST) -> set[str]:
-    return {n.id for n in ast.walk(node) if isinstance(n, ast.Name)}
+    return {n.id for n in walk(node) if isinstance(n, ast.Name)}
 
 
 def _inner_names(statement: ast.stmt) -> set[str]:
     """Return all names that functions, classes and comprehensions in a statement bind locally."""
     names = scoped_names(statement)
-    for node in ast.walk(statement):
+    for node in walk(statement):
         if isinstance(node, ast.ClassDef):
             names.update(bound(node.body))
     return names
@@ -361,11 +361,11 @@ class _GlobalRenamer(Renaming):
 
 
 def _rename_parameters(function: ast.FunctionDef | ast.AsyncFunctionDef, fixed: set[str]) -> None:
-    taken = {n.id for n in ast.walk(function) if isinstance(n, ast.Name)}
-    taken |= {n.arg for n in ast.walk(function) if isinstance(n, ast.arg)}
+    taken = {n.id for n in walk(function) if isinstance(n, ast.Name)}
+    taken |= {n.arg for n in walk(function) if isinstance(n, ast.arg)}
     taken |= set(bound(function.body))
     own = set(parameters(function.args)) - fixed
-    for node in ast.walk(function):
+    for node in walk(function):
         # Names that an inner scope binds, or declares global or nonlocal, do not change.
         if isinstance(node, ast.ClassDef):
             own -= set(bound(node.body))
@@ -384,6 +384,6 @@ def _rename_parameters(function: ast.FunctionDef | ast.AsyncFunctionDef, fixed: 
         if arg:
             arg.arg = new.get(arg.arg, arg.arg)
     for statement in function.body:
-        for inner in ast.walk(statement):
+        for inner in walk(statement):
             if isinstance(inner, ast.Name):
                 inner.id = new.get(inner.id, inner.id)

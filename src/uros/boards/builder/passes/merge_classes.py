@@ -22,7 +22,7 @@ import ast
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Final
 
-from ..scopes import COMPREHENSIONS, FUNCTIONS, bound, parameters, times_bound
+from ..scopes import COMPREHENSIONS, FUNCTIONS, bound, parameters, times_bound, walk
 
 if TYPE_CHECKING:
     from typing import TypeGuard
@@ -48,7 +48,7 @@ def _merge_one(tree: ast.Module, fixed: set[str]) -> bool:
     times = times_bound(tree)
     uses: dict[str, int] = {}
     names_in_use = set(fixed)
-    for node in ast.walk(tree):
+    for node in walk(tree):
         if isinstance(node, ast.Name):
             uses[node.id] = uses.get(node.id, 0) + 1
         elif isinstance(node, ast.Attribute):
@@ -112,7 +112,7 @@ class _Pair:
     def collect_super_uses(self, both: set[str]) -> bool:
         """Collect the uses of base members by super(); return False if one cannot be replaced."""
         for member in self.subclass.body:
-            in_all_scopes = [node for node in ast.walk(member) if self.is_super_use(node)]
+            in_all_scopes = [node for node in walk(member) if self.is_super_use(node)]
             in_own_scope = [node for node in _own_scope(member) if self.is_super_use(node)]
             if len(in_own_scope) < len(in_all_scopes):
                 return False
@@ -223,8 +223,8 @@ def _is_super(node: ast.expr) -> bool:
 
 def _uses_plain_super(owner: ast.ClassDef) -> bool:
     """Whether the class uses super only as ``super().name``."""
-    names = sum(isinstance(n, ast.Name) and n.id == "super" for n in ast.walk(owner))
-    attributes = sum(isinstance(n, ast.Attribute) and _is_super(n.value) for n in ast.walk(owner))
+    names = sum(isinstance(n, ast.Name) and n.id == "super" for n in walk(owner))
+    attributes = sum(isinstance(n, ast.Attribute) and _is_super(n.value) for n in walk(owner))
     return names == attributes
 
 

@@ -18,7 +18,7 @@ from collections import Counter
 from collections.abc import Iterable
 from typing import Final
 
-from ..scopes import bound, parameters
+from ..scopes import bound, parameters, walk
 
 _SHORT: Final = 127
 """Number of names with a number of one octet, without the name of the file itself."""
@@ -69,7 +69,7 @@ class _Count(ast.NodeVisitor):
             self.visit(default)
         own = list(parameters(node.args))
         self.uses.update(own)
-        outside = {name for n in ast.walk(node) if isinstance(n, ast.Global) for name in n.names}
+        outside = {name for n in walk(node) if isinstance(n, ast.Global) for name in n.names}
         self.inside(self.local.union(own, set(bound(body)) - outside), body)
 
     visit_Lambda = function

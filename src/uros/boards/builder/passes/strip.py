@@ -11,7 +11,7 @@ import ast
 from typing import Final
 
 from ..modules import ABSENT, Module, catches_import_error
-from ..scopes import FUNCTIONS, bound, parameters
+from ..scopes import FUNCTIONS, bound, parameters, walk
 
 _ALWAYS_PRESENT: Final = {"from sys import print_exception"}
 """Imports that succeed on every board, so that their ``try`` is removed; CPython lacks the name."""
@@ -149,13 +149,13 @@ def _mark_receivers(node: ast.FunctionDef | ast.AsyncFunctionDef, owner: str) ->
     elif owner and arguments:  # a decorator may pass another object, such as the class
         types.pop(arguments[0].arg, None)
     # A name that is bound again may be an object of another class.
-    for inner in ast.walk(node):
+    for inner in walk(node):
         if inner is not node and isinstance(inner, (*FUNCTIONS, ast.Lambda)):
             for name in parameters(inner.args):
                 types.pop(name, None)
     for name in bound(node.body):
         types.pop(name, None)
-    for inner in ast.walk(node):
+    for inner in walk(node):
         if isinstance(inner, ast.Attribute) and isinstance(inner.value, ast.Name):
             kind = types.get(inner.value.id, "")
             if kind.isidentifier() and not hasattr(inner, _RECEIVER):

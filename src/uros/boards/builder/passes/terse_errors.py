@@ -6,6 +6,7 @@ import ast
 from typing import Final
 
 from ..modules import Module, absolute, named_from_outside
+from ..scopes import walk
 
 # Final constants that select code a board has no memory for, and their values on a board.
 _TERSE_CONSTANTS: Final = {
@@ -50,7 +51,7 @@ def set_constant(modules: dict[str, Module], name: str, constant: str, value: bo
 
 def _merge_error_classes(module: Module, names: set[str]) -> None:
     """Import WireError in place of errors that no program names: each class takes 150 bytes."""
-    for node in ast.walk(module.tree):
+    for node in walk(module.tree):
         if isinstance(node, ast.ImportFrom) and absolute(node, module) == "uros.wire.errors":
             for alias in node.names:
                 if alias.name in names:

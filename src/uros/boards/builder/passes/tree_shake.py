@@ -23,7 +23,7 @@ from dataclasses import dataclass, field
 
 from ..foreign_names import CLASSES
 from ..modules import Module, absolute
-from ..scopes import bound
+from ..scopes import bound, walk
 from .strip import receiver
 
 _DEFINITIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)
@@ -193,7 +193,7 @@ class _Shaker:
     def mark_names_in(self, module: Module, code: ast.AST) -> None:
         """Mark all names, attributes and imports in a piece of live code."""
         order_operands: set[ast.expr] = set()
-        for node in ast.walk(code):  # ast.walk yields a comparison before its operands
+        for node in walk(code):  # `walk` yields a comparison before its operands
             if isinstance(node, ast.Compare):
                 order_operands.update(_bounds(node))
             elif isinstance(node, ast.Name):
@@ -281,12 +281,12 @@ def _families(trees: Iterable[ast.Module]) -> dict[str, str]:
     for tree in trees:
         original_names = {
             alias.asname: alias.name
-            for node in ast.walk(tree)
+            for node in walk(tree)
             if isinstance(node, ast.ImportFrom)
             for alias in node.names
             if alias.asname
         }
-        for node in ast.walk(tree):
+        for node in walk(tree):
             if not isinstance(node, ast.ClassDef):
                 continue
             if node.name in bases:
@@ -343,7 +343,7 @@ def _class_scope(node: ast.stmt) -> set[str]:
     return {
         n.id
         for part in parts
-        for n in ast.walk(part)
+        for n in walk(part)
         if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load)
     }
 
