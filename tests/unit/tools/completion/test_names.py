@@ -1,6 +1,6 @@
 """Names for completion that are found in the domain."""
 
-import threading
+from support.spinning import spinning_network
 
 from uros.host.network import Network
 from uros.names import topic_to_dds
@@ -9,18 +9,10 @@ from uros.tools.completion.words import complete
 
 
 def test_topics_of_the_domain(own_domain_id):
-    with Network(own_domain_id, "rtps") as network:
-        for name in ("/completed", "/not valid"):
-            network.node.create_writer(
-                topic_to_dds(name), "std_msgs::msg::dds_::String_", QoSProfile()
-            )
-        end = threading.Event()
-        spinning = threading.Thread(target=lambda: network.spin(end.is_set, 60))
-        spinning.start()
-        try:
-            line = ["topic", "echo", "--domain", str(own_domain_id), ""]
-            assert ("/completed", "") in complete(line)
-            assert ("/not valid", "") not in complete(line)
-        finally:
-            end.set()
-            spinning.join()
+    network = Network(own_domain_id, "rtps")
+    for name in ("/completed", "/not valid"):
+        network.node.create_writer(topic_to_dds(name), "std_msgs::msg::dds_::String_", QoSProfile())
+    with spinning_network(network):
+        line = ["topic", "echo", "--domain", str(own_domain_id), ""]
+        assert ("/completed", "") in complete(line)
+        assert ("/not valid", "") not in complete(line)

@@ -1,6 +1,7 @@
 """``uros topic find`` and ``uros topic type``, in a domain of the test's own."""
 
 import pytest
+from support.spinning import spinning_network
 
 from uros.host.network import Network
 from uros.qos import QoSProfile
@@ -10,9 +11,10 @@ from uros.tools import cli
 @pytest.fixture
 def topics(own_domain_id):
     """Two topics of strings, one of them hidden, in the domain whose options it returns."""
-    with Network(own_domain_id) as network:
-        for topic in ("/chatter", "/_secret"):
-            network.listen(topic, "std_msgs/msg/String", QoSProfile(), print)
+    network = Network(own_domain_id)
+    for topic in ("/chatter", "/_secret"):
+        network.listen(topic, "std_msgs/msg/String", QoSProfile(), print)
+    with spinning_network(network):
         yield ["--domain", str(own_domain_id)]
 
 
