@@ -3,16 +3,65 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterable, Iterator
-from typing import Final
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any, Final
 
 FUNCTIONS: Final = (ast.FunctionDef, ast.AsyncFunctionDef)
 COMPREHENSIONS: Final = (ast.ListComp, ast.SetComp, ast.DictComp, ast.GeneratorExp)
 
 
 # Fields of nodes without a node below.
-_PLAIN: Final = {"ctx", "id", "attr", "arg", "name", "kind", "level", "module", "type_comment"}
+_PLAIN: Final = {"ctx", "id", "attr", "arg", "kind", "level", "module", "type_comment"}
 _fields: dict[type, tuple[str, ...]] = {ast.Constant: ()}
+
+
+def _fields_of(node: ast.AST) -> tuple[str, ...]:
+    """Return the fields of a node that may have nodes."""
+    kind = type(node)
+    if kind not in _fields:
+        _fields[kind] = tuple(name for name in node._fields if name not in _PLAIN)
+    return _fields[kind]
+
+
+class Transformer(ast.NodeTransformer):
+    """A NodeTransformer in half the time, which does not visit the contexts (Load, Store, Del)."""
+
+    def __init__(self) -> None:
+        self._visitors: dict[type, Callable[[ast.AST], Any]] = {}
+
+    def visit(self, node: ast.AST) -> Any:
+        """Visit a node by the method for its class."""
+        kind = type(node)
+        if kind not in self._visitors:
+            self._visitors[kind] = getattr(self, f"visit_{kind.__name__}", self.generic_visit)
+        return self._visitors[kind](node)
+
+    def generic_visit(self, node: ast.AST) -> ast.AST:
+        """Visit the nodes below a node, and put there what the visits return."""
+        for name in _fields_of(node):
+            value = getattr(node, name, None)
+            if isinstance(value, list):
+                value[:] = self._visited(value)
+            elif isinstance(value, ast.AST):
+                new = self.visit(value)
+                if new is None:
+                    delattr(node, name)
+                elif new is not value:
+                    setattr(node, name, new)
+        return node
+
+    def _visited(self, values: list[Any]) -> list[Any]:
+        out: list[Any] = []
+        for value in values:
+            if isinstance(value, ast.AST):
+                value = self.visit(value)
+                if value is None:
+                    continue
+                if not isinstance(value, ast.AST):
+                    out.extend(value)
+                    continue
+            out.append(value)
+        return out
 
 
 def walk(node: ast.AST) -> Iterator[ast.AST]:
@@ -23,11 +72,7 @@ def walk(node: ast.AST) -> Iterator[ast.AST]:
     """
     nodes = [node]
     for node in nodes:  # which grows meanwhile
-        fields = _fields.get(type(node))
-        if fields is None:
-            fields = tuple(name for name in node._fields if name not in _PLAIN)
-            _fields[type(node)] = fields
-        for name in fields:
+        for name in _fields.get(type(node)) or _fields_of(node):
             value = getattr(node, name, None)
             if isinstance(value, list):
                 nodes.extend([item for item in value if isinstance(item, ast.AST)])
@@ -94,10 +139,11 @@ def scoped_names(tree: ast.AST) -> set[str]:
     return names
 
 
-class Scopes(ast.NodeTransformer):
+class Scopes(Transformer):
     """Traverses a module and tracks which of its names an inner scope hides."""
 
     def __init__(self) -> None:
+        super().__init__()
         self.scopes: list[tuple[bool, set[str]]] = []  # (whether it is a class, the names it binds)
 
     def hidden(self, name: str) -> bool:

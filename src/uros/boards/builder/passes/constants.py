@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from ..modules import Module, absolute, named_from_outside
-from ..scopes import Scopes, bound, times_bound, walk
+from ..scopes import Scopes, Transformer, bound, times_bound, walk
 
 Scalar = int | bool | str | bytes
 LONGEST: Final = 16
@@ -228,7 +228,7 @@ def _drop_private(module: Module, names: Iterable[str], outside_names: set[str])
     ]
 
 
-class _Fold(ast.NodeTransformer):
+class _Fold(Transformer):
     """Folds what is known at build time: MicroPython, its byte order and constant conditions."""
 
     def visit_Attribute(self, node: ast.Attribute) -> ast.AST:

@@ -25,7 +25,7 @@ import copy
 from collections.abc import Iterable
 from typing import Final
 
-from ..scopes import COMPREHENSIONS, FUNCTIONS, bound, parameters, walk
+from ..scopes import COMPREHENSIONS, FUNCTIONS, Transformer, bound, parameters, walk
 
 _INNER: Final = (
     *FUNCTIONS, *COMPREHENSIONS, ast.Lambda, ast.Yield, ast.YieldFrom, ast.Await, ast.Global,
@@ -165,10 +165,11 @@ def _count(name: str, nodes: Iterable[ast.AST]) -> int:
     )
 
 
-class _CallInliner(ast.NodeTransformer):
+class _CallInliner(Transformer):
     """Replaces the call by the method's body; ``done`` is whether that was possible."""
 
     def __init__(self, method: ast.FunctionDef, caller: ast.FunctionDef) -> None:
+        super().__init__()
         self.method = method
         self.done = False
         if not _has_self(caller) or not _is_undecorated(caller):
@@ -261,8 +262,9 @@ def _flatten_blocks(body: list[ast.stmt]) -> list[ast.stmt]:
     return statements
 
 
-class _SubstituteNames(ast.NodeTransformer):
+class _SubstituteNames(Transformer):
     def __init__(self, values: dict[str, ast.expr], fresh: dict[str, str]) -> None:
+        super().__init__()
         self.values = values
         self.fresh = fresh
 
@@ -278,6 +280,6 @@ class _SubstituteNames(ast.NodeTransformer):
         return self.generic_visit(node)
 
 
-class _ReturnToBreak(ast.NodeTransformer):
+class _ReturnToBreak(Transformer):
     def visit_Return(self, node: ast.Return) -> ast.AST:
         return ast.copy_location(ast.Break(), node)

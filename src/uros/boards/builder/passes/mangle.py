@@ -15,7 +15,16 @@ from typing import Final
 
 from ..foreign_names import ATTRIBUTES, BUILTINS, CLASSES
 from ..modules import Module, known_names
-from ..scopes import FUNCTIONS, Renaming, bound, parameters, scoped_names, times_bound, walk
+from ..scopes import (
+    FUNCTIONS,
+    Renaming,
+    Transformer,
+    bound,
+    parameters,
+    scoped_names,
+    times_bound,
+    walk,
+)
 from .strip import receiver
 
 # MicroPython gives these fixed numbers (py/makeqstrdata.py), which bytecode files rely on.
@@ -155,10 +164,11 @@ def _rename_attributes(tree: ast.Module, fixed: set[str], free: list[str]) -> No
     _AttributeRenamer(families, new).visit(tree)
 
 
-class _AttributeRenamer(ast.NodeTransformer):
+class _AttributeRenamer(Transformer):
     """Renames attributes, and collects which families of classes use each (`families_of`)."""
 
     def __init__(self, families: dict[str, str], new: dict[tuple[str, str], str]) -> None:
+        super().__init__()
         self.families = families
         self.new = new
         self.families_of: dict[str, set[str]] = {}

@@ -11,7 +11,7 @@ import ast
 from typing import Final
 
 from ..modules import ABSENT, Module, catches_import_error
-from ..scopes import FUNCTIONS, bound, parameters, walk
+from ..scopes import FUNCTIONS, Transformer, bound, parameters, walk
 
 _ALWAYS_PRESENT: Final = {"from sys import print_exception"}
 """Imports that succeed on every board, so that their ``try`` is removed; CPython lacks the name."""
@@ -29,8 +29,9 @@ def strip(module: Module) -> None:
     module.tree = _Strip().visit(module.tree)
 
 
-class _Strip(ast.NodeTransformer):
+class _Strip(Transformer):
     def __init__(self) -> None:
+        super().__init__()
         self._class = ""
 
     def _function(self, node: ast.FunctionDef | ast.AsyncFunctionDef) -> ast.AST:

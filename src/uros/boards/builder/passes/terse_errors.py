@@ -6,7 +6,7 @@ import ast
 from typing import Final
 
 from ..modules import Module, absolute, named_from_outside
-from ..scopes import walk
+from ..scopes import Transformer, walk
 
 # Final constants that select code a board has no memory for, and their values on a board.
 _TERSE_CONSTANTS: Final = {
@@ -59,8 +59,9 @@ def _merge_error_classes(module: Module, names: set[str]) -> None:
                     alias.name = "WireError"
 
 
-class _DropTexts(ast.NodeTransformer):
+class _DropTexts(Transformer):
     def __init__(self, names: set[str]) -> None:
+        super().__init__()
         self.names = names
 
     def visit_Raise(self, node: ast.Raise) -> ast.AST:
