@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from ipaddress import IPv4Network, IPv6Address, IPv6Network, ip_address, ip_network
 from typing import Any, Final, NamedTuple
 
-from .config_values import ConfigError, key_of, listed, only, shown, typed, whole
+from .config_values import ConfigError, Faults, key_of, listed, only, shown, typed, whole
 
 # The most clients, because a program may send CREATE_CLIENT with one key after the other. See
 # .eviction for the clients that are evicted then.
@@ -99,32 +99,44 @@ def make_admission(
         max_clients: Number of the command line; it overrides that of the files.
 
     Raises:
-        ConfigError: A value is invalid; the text says where.
+        ConfigError: Values are invalid; the texts say where.
     """
     admission = Admission()
+    faults = Faults()
     for name, table in tables:
-        try:
+        with faults.at(about=f"{name}: [admission]"):
             _add(admission, _table(table))
-        except ConfigError as error:
-            raise ConfigError(f"{name}: [admission]: {error}") from error
+    given: dict[str, Any] = {}
     if keys:
-        _add(admission, {"keys": [typed(key) for key in keys]})
+        given["keys"] = [typed(key) for key in keys]
     if networks:
-        _add(admission, {"networks": list(networks)})
+        given["networks"] = list(networks)
     if max_clients is not None:
-        _add(admission, {"max_clients": max_clients})
+        given["max_clients"] = max_clients
+    with faults.at():
+        _add(admission, given)
+    faults.check()
     return admission
 
 
 def _add(admission: Admission, table: Mapping[str, Any]) -> None:
-    only(table, ("keys", "networks", "max_clients"), "it")
+    faults = Faults()
+    with faults.at():
+        only(table, ("keys", "networks", "max_clients"), "it")
     for name in ("keys", "networks"):
         if name in table and not listed(table[name]):
-            raise ConfigError(f"{name} is empty, which admits nobody: leave it out to admit all")
-    admission.keys |= {key_of(key) for key in listed(table.get("keys", []))}
-    admission.networks += tuple(_network(network) for network in listed(table.get("networks", [])))
+            empty = f"{name} is empty, which admits nobody: leave it out to admit all"
+            faults.append(ConfigError(empty, name))
+    for key in listed(table.get("keys", [])):
+        with faults.at("keys"):
+            admission.keys |= {key_of(key)}
+    for network in listed(table.get("networks", [])):
+        with faults.at("networks"):
+            admission.networks += (_network(network),)
     if "max_clients" in table:
-        admission.max_clients = whole(table["max_clients"], "max_clients", 1, MAX_CLIENTS)
+        with faults.at("max_clients"):
+            admission.max_clients = whole(table["max_clients"], "max_clients", 1, MAX_CLIENTS)
+    faults.check()
 
 
 def _table(value: Any) -> Mapping[str, Any]:
@@ -139,7 +151,8 @@ def _network(value: Any) -> IPv4Network | IPv6Network:
             return ip_network(value, strict=False)
         except ValueError:
             pass
-    raise ConfigError(f'{shown(value)} is no network, such as "192.168.1.0/24" or "fd00::/8"')
+    example = '"192.168.1.0/24" or "fd00::/8"'
+    raise ConfigError(f"networks: {shown(value)} is no network, such as {example}")
 
 
 # --- refusals -----------------------------------------------------------------------

@@ -3,30 +3,70 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from difflib import get_close_matches
 from typing import Any
 
 
 class ConfigError(ValueError):
-    """A value is invalid; the text has its place, the value, and what is allowed.
+    """Values are invalid; the text is about the first: its place, the value, and what is allowed.
 
     Attributes:
-        key: The key that should not be there; None if the fault is another.
+        place: The way to the value in its table: keys, and indexes of arrays of tables.
+        others: The further faults that were found.
+
+    Args:
+        text: What is wrong, and the remedy.
+        place: The way to the value.
     """
 
-    def __init__(self, text: str, key: str | None = None) -> None:
+    def __init__(self, text: str, *place: str | int) -> None:
         super().__init__(text)
-        self.key = key
+        self.place = place
+        self.others: list[ConfigError] = []
+
+    @property
+    def faults(self) -> list[ConfigError]:
+        """All faults that were found, this one first."""
+        return [self, *self.others]
+
+
+class Faults(list[ConfigError]):
+    """Collects the faults of several values, so that one error has them all."""
+
+    @contextmanager
+    def at(self, *place: str | int, about: str = "") -> Iterator[None]:
+        """Collect the faults that end the block.
+
+        Args:
+            place: The way to the value that the block reads; it goes before the places of faults.
+            about: What has the value; it goes before the texts of faults.
+        """
+        try:
+            yield
+        except ConfigError as error:
+            for fault in error.faults:
+                text = f"{about}: {fault}" if about else str(fault)
+                self.append(ConfigError(text, *place, *fault.place))
+
+    def check(self) -> None:
+        """Raise ConfigError if there are faults: the first one, with the others in it."""
+        if self:
+            first = self[0]
+            first.others = self[1:]
+            raise first
 
 
 def only(table: Mapping[str, Any], names: tuple[str, ...], about: str) -> None:
-    """Raise ConfigError, which names ``about``, if ``table`` has a key that is not in ``names``."""
+    """Raise ConfigError, which names ``about``, if ``table`` has keys that are not in ``names``."""
+    faults = Faults()
     for key in table:
         if key not in names:
             close = get_close_matches(key, names, 1, 0.6)
             hint = f"; did you mean {close[0]!r}?" if close else f"; there are {', '.join(names)}"
-            raise ConfigError(f"{about} has no {key!r}{hint}", key)
+            faults.append(ConfigError(f"{about} has no {key!r}{hint}", key))
+    faults.check()
 
 
 def shown(value: Any) -> str:
@@ -60,6 +100,8 @@ def key_of(value: Any) -> int:
     """Return a client key that is written as in the log or as a number; raises ConfigError."""
     if isinstance(value, str) and re.fullmatch(r"0[xX][0-9A-Fa-f]{1,8}", value):
         return int(value, 16)
+    if isinstance(value, str) and re.fullmatch(r"[0-9A-Fa-f]{8}", value):
+        raise ConfigError(f'key is {shown(value)}; did you mean "0x{value}"?')
     return whole(value, "key", 0, 0xFFFFFFFF, ' or a text such as "0x4B0CBE99"')
 
 

@@ -29,7 +29,7 @@ from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from ipaddress import ip_address, ip_network
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from ... import names
 from ...middleware.base import MAX_DOMAIN, Service
@@ -43,8 +43,10 @@ from ...qos import (
 from ...token_bucket import TokenBucket
 from ..clock import Clock
 from .config_values import ConfigError as ConfigError
-from .config_values import key_of, listed, only, shown, table_of, whole
+from .config_values import Faults, key_of, listed, only, shown, table_of, whole
 from .toml_file import TomlFile
+
+_Value = TypeVar("_Value")
 
 # Names that are global in ROS: a namespace does not apply to them, remapping does.
 GLOBAL: Final = frozenset(
@@ -293,16 +295,19 @@ class Rules:
         self.admission: list[tuple[str, Any]] = []
 
     def load(self, path: str | Path) -> int:
-        """Add the rules of a file; return how many. Raises ConfigError with the file's name."""
+        """Add the rules of a file; return how many. Raises ConfigError with the file's name.
+
+        Its table ``[admission]`` is added even if rules are wrong, so that both can be checked.
+        """
         document = TomlFile(path).content
-        try:
-            rules = _rules(document)
-        except ConfigError as error:
-            raise ConfigError(f"{path}: {error}") from error
-        self._rules.extend(rules)
         if "admission" in document:
             self.admission.append((str(path), document["admission"]))
-        return len(rules)
+        before = len(self._rules)
+        faults = Faults()
+        with faults.at(about=str(path)):
+            self._rules.extend(_rules(document))
+        faults.check()
+        return len(self._rules) - before
 
     def add(self, table: Mapping[str, Any]) -> None:
         """Add one rule from a ``[[client]]`` table; raises ConfigError."""
@@ -344,47 +349,78 @@ def _is_at(address: str, pattern: str) -> bool:
 
 
 def _rules(document: Mapping[str, Any]) -> list[Rule]:
-    only(document, ("client", "admission"), "the file")
+    faults = Faults()
+    with faults.at():
+        only(document, ("client", "admission"), "the file")
     tables = document.get("client", [])
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
-        raise ConfigError("rules are [[client]] tables, with two brackets")
-    if not tables and "admission" not in document:
-        raise ConfigError("there is no [[client]] table in it, and no [admission]")
+        faults.append(ConfigError("rules are [[client]] tables, with two brackets", "client"))
+        tables = []
+    elif not tables and "admission" not in document and not faults:
+        faults.append(ConfigError("there is no [[client]] table in it, and no [admission]"))
     rules = []
-    for number, table in enumerate(tables, 1):
-        try:
+    for index, table in enumerate(tables):
+        with faults.at("client", index, about=f"[[client]] number {index + 1}"):
             rules.append(parse_rule(table))
-        except ConfigError as error:
-            raise ConfigError(f"[[client]] number {number}: {error}") from error
+    faults.check()
     return rules
 
 
 def parse_rule(table: Mapping[str, Any]) -> Rule:
-    """Parse a rule from a ``[[client]]`` table; raises ConfigError."""
-    only(table, _SELECTORS + _ACTIONS, "a rule")
-    if not any(key in table for key in _ACTIONS):
-        raise ConfigError(f"it does nothing; it may have {', '.join(_ACTIONS)}")
+    """Parse a rule from a ``[[client]]`` table; raises ConfigError with all its faults."""
+    faults = Faults()
+    with faults.at():
+        only(table, _SELECTORS + _ACTIONS, "a rule")
+        if not any(key in table for key in _ACTIONS):
+            raise ConfigError(f"it does nothing; it may have {', '.join(_ACTIONS)}")
     rule = Rule(
-        keys=frozenset(key_of(key) for key in listed(table.get("key", []))),
-        addresses=tuple(_address(address) for address in listed(table.get("address", []))),
-        nodes=tuple(
-            names.absolute(_pattern(node, "node")) for node in listed(table.get("node", []))
-        ),
+        keys=frozenset(_each(table, "key", key_of, faults)),
+        addresses=tuple(_each(table, "address", _address, faults)),
+        nodes=tuple(_each(table, "node", _node, faults)),
     )
     if "domain" in table:
-        rule.domain = whole(table["domain"], "domain", 0, MAX_DOMAIN)
+        with faults.at("domain"):
+            rule.domain = whole(table["domain"], "domain", 0, MAX_DOMAIN)
     if "namespace" in table:
-        rule.namespace = _namespace(table["namespace"])
-    remap = table_of(table.get("remap", {}), "remap")
-    rule.remap = {_name(old, "remap"): _name(new, "remap") for old, new in remap.items()}
-    for pattern, fields in table_of(table.get("qos", {}), "qos").items():
-        about = f'qos."{pattern}"'
-        rule.qos[names.absolute(_pattern(pattern, "qos"))] = _qos(table_of(fields, about), about)
+        with faults.at("namespace"):
+            rule.namespace = _namespace(table["namespace"])
+    with faults.at("remap"):
+        rule.remap = _remap(table_of(table.get("remap", {}), "remap"))
+    with faults.at("qos"):
+        rule.qos = _qos(table_of(table.get("qos", {}), "qos"))
     if "max_rate" in table:
-        rule.max_rate = _rate(table["max_rate"])
+        with faults.at("max_rate"):
+            rule.max_rate = _rate(table["max_rate"])
     if "max_size" in table:
-        rule.max_size = whole(table["max_size"], "max_size", 1, _MAX_MS)
+        with faults.at("max_size"):
+            rule.max_size = whole(table["max_size"], "max_size", 1, _MAX_MS)
+    faults.check()
     return rule
+
+
+def _each(
+    table: Mapping[str, Any], name: str, parse: Callable[[Any], _Value], faults: Faults
+) -> list[_Value]:
+    """Return the valid ones of a key's values, one or a list; collect the faults of others."""
+    values = []
+    for value in listed(table.get(name, [])):
+        with faults.at(name):
+            values.append(parse(value))
+    return values
+
+
+def _node(value: Any) -> str:
+    return names.absolute(_pattern(value, "node"))
+
+
+def _remap(table: Mapping[str, Any]) -> dict[str, str]:
+    remap = {}
+    faults = Faults()
+    for old, new in table.items():
+        with faults.at(old):
+            remap[_name(old, "remap")] = _name(new, "remap")
+    faults.check()
+    return remap
 
 
 def _rate(value: Any) -> float:
@@ -432,15 +468,35 @@ def _namespace(value: Any) -> str:
     return "" if value == "/" else _name(value, "namespace")
 
 
-def _qos(fields: Mapping[str, Any], about: str) -> dict[str, int]:
-    only(fields, (*_POLICIES, *_NUMBERS), about)
+def _qos(table: Mapping[str, Any]) -> dict[str, dict[str, int]]:
+    qos = {}
+    faults = Faults()
+    for pattern, fields in table.items():
+        about = f'qos."{pattern}"'
+        with faults.at(pattern):
+            name = names.absolute(_pattern(pattern, "qos"))
+            qos[name] = _policies(table_of(fields, about), about)
+    faults.check()
+    return qos
+
+
+def _policies(fields: Mapping[str, Any], about: str) -> dict[str, int]:
     policies = {}
+    faults = Faults()
+    with faults.at():
+        only(fields, (*_POLICIES, *_NUMBERS), about)
     for key, value in fields.items():
-        if key in _NUMBERS:
-            policies[key] = whole(value, f"{about}.{key}", *_NUMBERS[key])
-        elif isinstance(value, str) and value in _POLICIES[key]:
-            policies[key] = _POLICIES[key][value]
-        else:
-            allowed = " or ".join(_POLICIES[key])
-            raise ConfigError(f"{about}.{key} is {shown(value)}, not {allowed}")
+        with faults.at(key):
+            if key in _NUMBERS:
+                policies[key] = whole(value, f"{about}.{key}", *_NUMBERS[key])
+            elif key in _POLICIES:
+                policies[key] = _policy(value, key, about)
+    faults.check()
     return policies
+
+
+def _policy(value: Any, key: str, about: str) -> int:
+    known = _POLICIES[key]
+    if isinstance(value, str) and value in known:
+        return known[value]
+    raise ConfigError(f"{about}.{key} is {shown(value)}, not {' or '.join(known)}")

@@ -17,6 +17,7 @@ from ....agent.clock import Clock
 from ....agent.policy.admission import MAX_CLIENTS
 from ....agent.policy.config_values import ConfigError, key_of, listed
 from ....agent.transports.base import TransportError
+from ...errors import ToolError
 from ..options.transports import make
 from .file import Config
 
@@ -173,25 +174,29 @@ def _check_options(config: Config) -> None:
 def _check_rules(config: Config) -> None:
     from ....agent.policy.admission import make_admission
     from ....agent.policy.rules import Rules
-    from ..options.rules import rule_of
+    from ..options.rules import RULE, rule_of
 
-    try:
-        if rule := rule_of(config.options):
-            Rules().add(rule)
-    except ConfigError as error:
-        config.error(error, "rules")
+    for name in RULE:
+        try:
+            if rule := rule_of({name: config.options.get(name)}):
+                Rules().add(rule)
+        except ConfigError as error:
+            config.error(error, "[rules]", "rules")
+        except ToolError as error:
+            config.problem(f"[rules]: {error}", "rules", name)
     rules = Rules()
     for file in config.options.get("control", []):
-        _try(config, lambda file=file: rules.load(file), "control")  # type: ignore[misc]
-    keys: list[str] = config.options.get("allow_key", [])
+        _try_file(config, lambda file=file: rules.load(file))  # type: ignore[misc]
+    own = (config.options.get("allow_key", []), config.options.get("allow_net", []))
+    before = len(config.problems)
+    _try_file(config, lambda: make_admission(rules.admission))
     try:
-        make_admission(rules.admission)
-        admission = make_admission(
-            rules.admission, keys, config.options.get("allow_net", []),
-        )  # fmt: skip
+        make_admission((), *own)
     except ConfigError as error:
-        config.error(error, "admission")
+        config.error(error, "[admission]", "admission")
+    if len(config.problems) > before:
         return
+    admission = make_admission(rules.admission, *own)
     for rule in config.clients:
         for key in map(key_of, listed(rule.get("key", []))):
             if not admission.admits_key(key):
@@ -201,11 +206,13 @@ def _check_rules(config: Config) -> None:
                 )  # fmt: skip
 
 
-def _try(config: Config, call: Callable[[], object], attribute: str) -> None:
+def _try_file(config: Config, call: Callable[[], object]) -> None:
+    """Record the faults of files of rules that a call finds."""
     try:
         call()
-    except ValueError as error:
-        config.problem(str(error), *config.place_of_option(attribute))
+    except ConfigError as error:
+        for fault in error.faults:
+            config.problem(str(fault), *config.place_of_option("control"))
 
 
 def _check_files(config: Config) -> None:

@@ -102,11 +102,16 @@ class Config:
         line = self._file.line(*place)
         self.problems.append(Problem(self.path, line, text, is_warning))
 
-    def error(self, error: ConfigError, *table: str | int) -> None:
-        """Record the error of a value in a table."""
-        # The text of an error begins with the key whose value is wrong.
-        key = error.key or str(error).partition(" ")[0].rstrip(":")
-        self.problem(str(error), *table, key)
+    def error(self, error: ConfigError, about: str, *place: str | int) -> None:
+        """Record all faults of an error.
+
+        Args:
+            error: The error.
+            about: The table that has them, for people.
+            place: The way to this table or value.
+        """
+        for fault in error.faults:
+            self.problem(f"{about}: {fault}", *place, *fault.place)
 
     def place_of(self, part: argparse.Namespace) -> tuple[str, int]:
         """Return the way to the table of a transport."""
@@ -161,7 +166,8 @@ class Config:
         try:
             return key.parse(value, self._folder)
         except ConfigError as error:
-            self.problem(str(error), *place)
+            for fault in error.faults:
+                self.problem(str(fault), *place)
             return None
 
     def _refuse_key(self, table: str, name: str, about: str, keys: Iterable[str]) -> None:
@@ -249,7 +255,7 @@ class Config:
             try:
                 parse_rule(table)
             except ConfigError as error:
-                self.error(error, CLIENT, index)
+                self.error(error, f"[[{CLIENT}]] number {index + 1}", CLIENT, index)
             else:
                 self.clients.append(table)
 

@@ -11,7 +11,7 @@ import os
 from collections.abc import Callable, Iterable
 from typing import Any, Final
 
-from ....agent.policy.config_values import ConfigError, listed, shown, table_of
+from ....agent.policy.config_values import ConfigError, Faults, listed, shown, table_of
 from ..options.group import OptionGroup
 from ..options.transports import TRANSPORTS
 
@@ -90,7 +90,7 @@ class Key:
             folder: The folder that relative paths of files start from.
 
         Raises:
-            ConfigError: The value is not valid.
+            ConfigError: The value is not valid, or several of a list are not.
         """
         action = self._action
         if self.attribute in _FORMS:
@@ -105,7 +105,13 @@ class Key:
             values = listed(value)
             if not values:
                 raise ConfigError(f"{self.name} is empty: leave it out")
-            return [self._one(each, folder) for each in values]
+            parsed = []
+            faults = Faults()
+            for each in values:
+                with faults.at():
+                    parsed.append(self._one(each, folder))
+            faults.check()
+            return parsed
         return self._one(value, folder)
 
     def _one(self, value: Any, folder: str) -> Any:

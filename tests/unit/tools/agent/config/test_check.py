@@ -61,8 +61,8 @@ def test_mistakes_are_printed_in_the_order_of_lines(check):
         (UDP + '[agent]\nstate = "a"\n[capture]\nfile = "a"\n', "7: state is "),
         (UDP + '[agent]\nrefs = "none"\n', "5: "),
         (UDP + '[rules]\ncontrol = "none"\n', "5: "),
-        (UDP + '[rules]\nnamespace = "a b"\n', "5: namespace: 'a b' is no ROS name"),
-        (UDP + '[admission]\nkeys = ["zz"]\n', "4: key is 'zz', not a whole number"),
+        (UDP + '[rules]\nnamespace = "a b"\n', "5: [rules]: namespace: 'a b' is no ROS name"),
+        (UDP + '[admission]\nkeys = ["zz"]\n', "5: [admission]: key is 'zz', not a whole number"),
         (UDP + "[admission]\nmax_clients = 5000\n", "5: max_clients is 5000, not a whole number"),
         (UDP + "[limits]\nmax_memory = 1\nmax_message = 2000000\n",
          "6: max_message is over max_memory, which has 1 MB"),
@@ -72,6 +72,95 @@ def test_contradictions_and_missing_files_are_errors(check, text, line):
     status, lines = check(text)
     assert status == 1 and len([each for each in lines if "warning" not in each]) == 1
     assert any(each.startswith(line) for each in lines), lines
+
+
+def test_all_faults_of_admission_are_printed_at_once(check):
+    status, lines = check(
+        UDP + '[admission]\nkeys = ["zz", 1, "4B0CBE99"]\nnetworks = ["10.0.0.0/33", "wlan0"]\n'
+        "max_clients = 5000\ndead_time = -1\nmax_client = 3\n"
+    )
+    assert status == 1
+    assert lines == [
+        "5: [admission]: key is 'zz', not a whole number from 0 to 4294967295 or a text such as"
+        ' "0x4B0CBE99"',
+        "5: [admission]: key is '4B0CBE99'; did you mean \"0x4B0CBE99\"?",
+        "6: [admission]: networks: '10.0.0.0/33' is no network, such as \"192.168.1.0/24\" or"
+        ' "fd00::/8"',
+        '6: [admission]: networks: \'wlan0\' is no network, such as "192.168.1.0/24" or "fd00::/8"',
+        "7: max_clients is 5000, not a whole number from 1 to 4096",
+        "8: dead_time: '-1' is not a number of seconds from 0 (never) to 86400",
+        "9: [admission] has no 'max_client'; did you mean 'max_clients'?",
+    ]
+
+
+def test_all_faults_of_a_list_are_printed_at_once(check):
+    status, lines = check(UDP + "[admission]\nnetworks = [1, true]\n")
+    assert (status, lines) == (
+        1,
+        ["5: networks is 1, not a text", "5: networks is True, not a text"],
+    )
+
+
+RULES = """\
+[[client]]
+key = ["zz", 1, -1]
+address = ["10.0.0.0/33", 7]
+domain = 999
+namespce = "/a"
+max_rate = 0
+[client.remap]
+"/a" = "b c"
+"/d" = 3
+[client.qos."/odom"]
+reliability = "relyable"
+depth = 0
+dept = 1
+[[client]]
+key = 1
+"""
+RULES_FAULTS = [
+    (2, "number 1: key is 'zz', not a whole number from 0 to 4294967295 or a text such as"
+        ' "0x4B0CBE99"'),
+    (2, "number 1: key is -1, not a whole number from 0 to 4294967295 or a text such as"
+        ' "0x4B0CBE99"'),
+    (3, "number 1: address is '10.0.0.0/33', which is no network, such as 192.168.1.0/24"),
+    (3, "number 1: address is 7, not a text"),
+    (4, "number 1: domain is 999, not a whole number from 0 to 232"),
+    (5, "number 1: a rule has no 'namespce'; did you mean 'namespace'?"),
+    (6, "number 1: max_rate is 0, not a number of messages a second above 0"),
+    (8, "number 1: remap: 'b c' is no ROS name: letters, digits and _ between slashes, no part"
+        " beginning with a digit"),
+    (9, "number 1: remap: 3 is no ROS name: letters, digits and _ between slashes, no part"
+        " beginning with a digit"),
+    (11, "number 1: qos.\"/odom\".reliability is 'relyable', not reliable or best_effort"),
+    (12, 'number 1: qos."/odom".depth is 0, not a whole number from 1 to 1000000'),
+    (13, "number 1: qos.\"/odom\" has no 'dept'; did you mean 'depth'?"),
+    (14, "number 2: it does nothing; it may have domain, namespace, remap, qos, max_rate,"
+         " max_size"),
+]  # fmt: skip
+
+
+def test_all_faults_of_rules_are_printed_at_once_with_their_lines(check):
+    status, lines = check(UDP + RULES)
+    assert status == 1
+    assert lines == [f"{line + 3}: [[client]] {text}" for line, text in RULES_FAULTS]
+
+
+def test_all_faults_of_a_file_of_rules_are_printed_at_once(check, tmp_path):
+    (tmp_path / "rules.toml").write_text(RULES + '[admission]\nkeys = "a"\nnetworks = []\n')
+    status, lines = check(UDP + '[rules]\ncontrol = "rules.toml"\nnamespace = "a b"\nremap = "c"\n')
+    assert status == 1
+    file = f"5: {tmp_path}/rules.toml: "
+    texts = sorted(text for _, text in RULES_FAULTS)
+    assert sorted(lines[: len(texts)]) == [f"{file}[[client]] {text}" for text in texts]
+    assert lines[len(texts) :] == [
+        f"{file}[admission]: networks is empty, which admits nobody: leave it out to admit all",
+        f"{file}[admission]: key is 'a', not a whole number from 0 to 4294967295 or a text such as"
+        ' "0x4B0CBE99"',
+        "6: [rules]: namespace: 'a b' is no ROS name: letters, digits and _ between slashes, no"
+        " part beginning with a digit",
+        "7: [rules]: --remap 'c' is not OLD:=NEW",
+    ]
 
 
 @pytest.mark.parametrize(

@@ -57,7 +57,7 @@ def test_invalid_dead_times(text, capsys):
     [
         ("--allow-key x", "the command line: key is 'x', not a whole number from 0 to 4294967295"),
         ("--allow-key 4294967296", "the command line: key is 4294967296"),
-        ("--allow-net eth0", "the command line: 'eth0' is no network"),
+        ("--allow-net eth0", "the command line: networks: 'eth0' is no network"),
         ("--max-clients 5000", "the command line: max_clients is 5000, not a whole number"),
     ],
 )
