@@ -156,6 +156,7 @@ def check_keys(looks: Sequence[Sequence[Snapshot]]) -> list[Finding]:
                 f"the client key {key} comes from {where}: two boards have it, and each ends the"
                 " session of the other",
                 _KEY_FIX,
+                about=key,
             )
         else:
             findings[key] = note(
@@ -163,6 +164,7 @@ def check_keys(looks: Sequence[Sequence[Snapshot]]) -> list[Finding]:
                 f"the client key {key} has come from {where}: a board changed its address, or two"
                 " boards have the key",
                 _KEY_FIX,
+                about=key,
             )
     if not findings and boards(looks[-1]):
         return [ok("client key", "no two boards of an agent have the same key")]
@@ -184,6 +186,8 @@ def _refused_keys(snapshots: Sequence[Snapshot]) -> dict[str, Finding]:
                 f"two boards have the client key {key}: {holder} has the session, and the one at"
                 f" {refused.get('address')} is refused ({refused.get('times', 1)} times)",
                 _KEY_FIX,
+                about=key,
+                kind="refused",
             )
     return findings
 
@@ -238,6 +242,8 @@ def check_lines(snapshots: Sequence[Snapshot]) -> list[Finding]:
                         f"{skipped} bytes came over {name} to the agent {snapshot.get('pid')},"
                         " without a frame: another baud rate, or firmware without micro-ROS",
                         f"kill {snapshot.get('pid')}, then: uros doctor --dev {word(str(name))}",
+                        about=str(name),
+                        kind="no frame",
                     )
                 )
             elif broken >= _FEW and broken * _BROKEN > frames:
@@ -247,6 +253,8 @@ def check_lines(snapshots: Sequence[Snapshot]) -> list[Finding]:
                         f"{broken} of {frames + broken} frames over {name} came broken",
                         "use a shorter cable with a common ground, or a lower rate in the firmware"
                         " and with --baudrate",
+                        about=str(name),
+                        kind="broken",
                     )
                 )
             elif frames:
@@ -266,6 +274,8 @@ def check_refused(snapshots: Sequence[Snapshot]) -> list[Finding]:
             f"the agent {snapshot.get('pid')} refuses the board {client.get('key')} at"
             f" {client.get('address')}: {client.get('why')} ({client.get('times', 1)} times)",
             "change the agent's admission options: uros agent udp4 --help",
+            about=str(client.get("key")),
+            kind=str(client.get("why")),
         )
         for snapshot in snapshots
         for client in snapshot.get("refused", [])
@@ -299,6 +309,8 @@ def check_clocks(snapshots: Sequence[Snapshot]) -> list[Finding]:
                     f"the clock of {of_board(client)} was {abs(offset):.1f} s {way} the agent's"
                     " at its last time synchronization",
                     "synchronize more often: rmw_uros_sync_session(1000); uros does so every 30 s",
+                    about=of_board(client),
+                    kind=way,
                 )
             )
     return findings

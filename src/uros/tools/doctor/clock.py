@@ -93,6 +93,8 @@ def judge(topic: str, stamps: Stamps, is_board: bool) -> Finding | None:
             f"the stamps of {topic} by {who} count from the board's start: it does not know the"
             " time",
             _FIX,
+            about=topic,
+            kind="no time",
         )
     if stamps.nearest is not None and abs(stamps.nearest) > LIMIT:
         way = "behind" if stamps.nearest > 0 else "ahead of"
@@ -102,10 +104,12 @@ def judge(topic: str, stamps: Stamps, is_board: bool) -> Finding | None:
         )
         # A node that is not a board may forward the stamps of older data.
         if is_board or stamps.nearest < 0:
-            return problem("clock", what, _FIX)
-        return note("clock", what, "compare the clocks of both machines: date +%s.%N")
+            return problem("clock", what, _FIX, about=topic, kind=way)
+        fix = "compare the clocks of both machines: date +%s.%N"
+        return note("clock", what, fix, about=topic, kind=way)
     if stamps.count and stamps.empty == stamps.count:
-        return note("clock", f"the stamps of {topic} by {who} are all 0", _FIX)
+        what = f"the stamps of {topic} by {who} are all 0"
+        return note("clock", what, _FIX, about=topic, kind="0")
     return None
 
 

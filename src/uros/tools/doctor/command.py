@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import os
 import re
@@ -17,7 +18,7 @@ from ...agent.transports.base import DEFAULT_PORT
 from ...printable import printable, unguarded
 from ..common import domain as domain_number
 from ..common import positive_float, positive_int
-from .finding import NOTE, OK, PROBLEM, UNKNOWN, Finding, problem, unknown
+from .finding import NOTE, OK, PROBLEM, UNKNOWN, Finding, merge_alike, problem, unknown
 from .snapshots import Agents
 
 if TYPE_CHECKING:
@@ -210,7 +211,8 @@ class Doctor:
     Args:
         args: The command line.
         agents: Asks the agents of this machine.
-        tell: Called with each finding as soon as it is made.
+        tell: Called with the findings of each check as soon as they are made; many that are alike
+            are one.
     """
 
     def __init__(
@@ -225,11 +227,11 @@ class Doctor:
         self._tell = tell
 
     def _found(self, findings: Iterable[Finding]) -> None:
-        for finding in findings:
-            if finding not in self.findings:
-                self.findings.append(finding)
-                if self._tell is not None:
-                    self._tell(finding)
+        new = [each for each in dict.fromkeys(findings) if each not in self.findings]
+        self.findings += new
+        if self._tell is not None:
+            for finding in merge_alike(new):
+                self._tell(finding)
 
     def _say(self, text: str) -> None:
         print(f"... {printable(text)}", file=sys.stderr, flush=True)
@@ -268,8 +270,8 @@ class Doctor:
 
         args, agents = self._args, self._agents.pids
         if args.dev is None:
-            for device in serial.ports():
-                self._found(serial.check_device(device, agents, touch=False))
+            checked = (serial.check_device(each, agents, touch=False) for each in serial.ports())
+            self._found(itertools.chain.from_iterable(checked))
             return
         found = serial.check_device(args.dev, agents)
         self._found(found)

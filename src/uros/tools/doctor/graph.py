@@ -98,6 +98,7 @@ def check_names(picture: Picture, domain: int) -> list[Finding]:
             f"{count} nodes in domain {domain} have the name {name}: what is sent to one, such as"
             " a parameter request, may reach the other",
             "give one of them another name: --ros-args -r __node:=NAME; of a board, in its program",
+            about=name,
         )
         for name, count in counts.items()
         if count > 1
@@ -282,6 +283,8 @@ def _types_differ(topic: str, by_type: Mapping[str, list[str]]) -> Finding:
         f"{topic} has different types, so its endpoints do not match: {places}",
         f"use {common} in {fewest[0]} too, or another name there: --ros-args -r {new}"
         f" (a board's: uros agent ... --remap {new})",
+        about=topic,
+        kind=" ".join(by_type),
     )
 
 
@@ -295,4 +298,6 @@ def _hashes_differ(topic: str, type_name: str, by_hash: Mapping[str, list[str]])
         f"{type_name} of {topic} is not the same everywhere: {places}",
         f"build all of them with one version of {type_name.partition('/')[0]}; compare:"
         f" ros2 interface show {word(type_name)}",
+        about=topic,
+        kind=type_name,
     )

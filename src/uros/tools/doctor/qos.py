@@ -65,6 +65,8 @@ def _pair(
         f"nothing that {sender} publishes on {topic} reaches {receiver}: {one.policy} offered is"
         f" {one.offered}, requested {one.requested}",
         _fix(topic, sender, receiver, one, boards),
+        about=f"{topic} to {receiver}",
+        kind=f"{one.policy} {one.offered} {one.requested}",
     )
 
 

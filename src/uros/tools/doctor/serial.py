@@ -96,7 +96,10 @@ def check_device(
     if holders:
         return [*_modem_manager(device, holders), _busy(device, holders, agents)]
     if not touch:
-        return [*_modem_manager(device, ()), ok("device", f"{device} exists and is free")]
+        return [
+            *_modem_manager(device, ()),
+            ok("device", f"{device} exists and is free", about=device),
+        ]
     return [*_modem_manager(device, ()), _try(device)]
 
 
@@ -184,11 +187,15 @@ def _forbidden(device: str) -> Finding:
             f"{user} joined the group {group.gr_name}, which may use {device}, after this session"
             " began",
             f"log out and in again, or for this terminal: newgrp {group.gr_name}",
+            about=device,
+            kind=f"joined {group.gr_name}",
         )
     return problem(
         "permission",
         f"{user} may not open {device}: its group is {group.gr_name}",
         f"sudo usermod -aG {group.gr_name} $USER, then log out and in again",
+        about=device,
+        kind=group.gr_name,
     )
 
 
@@ -206,7 +213,8 @@ def _busy(device: str, holders: list[process.Process], agents: Collection[int]) 
     names = " and ".join(map(str, holders[:_MOST_HOLDERS]))
     if len(holders) == 1 and (one.pid in agents or one.is_uros_agent):
         return note("device", f"{device} is served by a uros agent already: {names}",
-                    f"to use it in another program: kill {one.pid}")  # fmt: skip
+                    f"to use it in another program: kill {one.pid}", about=device, kind=str(one),
+                    )  # fmt: skip
     if one.name == "ModemManager":
         fix = "sudo systemctl disable --now ModemManager"
     else:
@@ -232,6 +240,7 @@ def _modem_manager(device: str, holders: Collection[process.Process]) -> list[Fi
             "modem manager",
             f"ModemManager runs, and sends to {device} for some seconds after it is plugged in",
             "sudo systemctl disable --now ModemManager, if no modem needs it",
+            about=device,
         )
     ]
 

@@ -274,6 +274,19 @@ def test_text_from_outside_is_escaped():
     assert "\x1b" not in text and len(text.splitlines()) == 2 and "\\x1b[2J" in text
 
 
+def test_many_alike_are_printed_as_one_and_counted_each():
+    told = []
+    doctor = command.Doctor(None, None, told.append)
+    each = [Finding("clock", NOTE, f"/b{number} is late", "", f"/b{number}") for number in range(9)]
+    doctor._found([*each, *each])
+    doctor._found(each[:5])
+    assert [finding.what for finding in told] == [
+        "9 alike: /b0 is late; also /b1, /b2, /b3 and 5 more (--json has each)"
+    ]
+    assert doctor.findings == each
+    assert command._summary(doctor.findings) == "\n0 problems, 9 notes"
+
+
 def test_the_summary():
     found = [Finding("a", PROBLEM, "x", "y"), Finding("b", NOTE, "x"), Finding("c", UNKNOWN, "x")]
     assert command._summary(found) == "\n1 problem, 1 note, 1 check could not be made"
