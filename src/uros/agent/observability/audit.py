@@ -26,6 +26,7 @@ from ..log import RateLimit, unexpected
 from ..objects.kinds import key_label
 from ..policy.admission import RefusalEvent
 from ..transports.base import ERROR, INFO, WARNING
+from .file_lock import lock
 
 if TYPE_CHECKING:
     from ..server import Server
@@ -142,7 +143,7 @@ class AuditTrail:
             os.close(file)
             os.replace(self.path, f"{self.path}.1")
         if self._file < 0:
-            self._file, self._size = os.open(self.path, _FLAGS, _MODE), 0
+            self._file, self._size = _open_locked(self.path), 0
         done = os.write(self._file, line)
         if done < len(line):
             os.ftruncate(self._file, self._size)
@@ -169,6 +170,23 @@ class AuditTrail:
             server.soon(lambda: server.note(level, "Audit", "write", event, about))
 
 
+def _open_locked(path: str) -> int:
+    """Open the file to append to it, and lock it: two agents would rename each other's file.
+
+    Raises:
+        BlockingIOError: Another agent has it.
+        OSError: It cannot be opened.
+    """
+    file = os.open(path, _FLAGS, _MODE)
+    try:
+        if stat.S_ISREG(os.fstat(file).st_mode):
+            lock(file)
+    except BlockingIOError as error:
+        os.close(file)
+        raise BlockingIOError(error.errno, "another agent writes it now") from None
+    return file
+
+
 def _open(path: str) -> tuple[int, int]:
     """Open the file to append to it; return its descriptor and its size."""
     try:
@@ -180,7 +198,11 @@ def _open(path: str) -> tuple[int, int]:
                     f"--audit {path}: it is there already and no audit file, so it is not changed:"
                     " name another file, or remove that one"
                 )
-        file = os.open(path, _FLAGS, _MODE)
+        file = _open_locked(path)
+    except BlockingIOError:
+        raise AuditError(
+            f"--audit {path}: another agent writes it: end that one, or name another file"
+        ) from None
     except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or error
         raise AuditError(

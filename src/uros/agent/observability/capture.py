@@ -16,14 +16,10 @@ import threading
 from typing import Final, NamedTuple, Protocol
 
 from ..log import Log, RateLimit, unexpected
+from .file_lock import lock
 from .jsonl import JsonLinesEncoder
 from .message_hooks import MessageEvent, MessageHooks
 from .pcapng import MAGIC, PcapngEncoder
-
-try:
-    import fcntl
-except ImportError:  # Windows
-    fcntl = None  # type: ignore[assignment]
 
 # Bytes that may wait for the disk, with the overhead of each message; further messages are not
 # captured.
@@ -272,7 +268,7 @@ class Capture:
     def _begin(self) -> None:
         """Begin a file; raises OSError."""
         self._file = os.open(self.path, _NEW, _MODE)
-        _lock(self._file)
+        lock(self._file)
         self._size = 0
 
 
@@ -296,7 +292,7 @@ def _open(path: str) -> tuple[int, bool]:
         file = os.open(path, os.O_RDWR if piped else _NEW, _MODE)
         regular = stat.S_ISREG(os.fstat(file).st_mode)
         if regular:
-            _lock(file)
+            lock(file)
     except BlockingIOError:
         if file >= 0:
             os.close(file)
@@ -311,17 +307,6 @@ def _open(path: str) -> tuple[int, bool]:
     return file, regular
 
 
-def _lock(file: int) -> None:
-    """Lock the file while it is open; raises BlockingIOError if another agent has it."""
-    try:
-        if fcntl is not None:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        raise
-    except OSError:
-        pass  # a file system without locks
-
-
 def _check_free(path: str) -> None:
     """Raise BlockingIOError if another agent captures into the file.
 
@@ -329,7 +314,7 @@ def _check_free(path: str) -> None:
     """
     file = os.open(path, os.O_RDONLY)
     try:
-        _lock(file)
+        lock(file)
     finally:
         os.close(file)
 

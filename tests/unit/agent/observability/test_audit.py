@@ -19,7 +19,7 @@ from unit.agent.transports.test_tls import connected
 
 from uros.agent.log import MAX_LINES
 from uros.agent.observability import audit as module
-from uros.agent.observability.audit import LINE_BURST, AuditTrail
+from uros.agent.observability.audit import LINE_BURST, AuditError, AuditTrail
 from uros.agent.policy.admission import make_admission
 from uros.agent.transports.tls import tls_server
 from uros.printable import is_printable
@@ -243,3 +243,31 @@ def test_an_agent_with_the_option_and_files_that_are_refused(tmp_path):
     assert note.read_text() == "shopping list"
     status, said = refused(*arguments, tmp_path / "none" / "audit")
     assert status == 1 and "No such file or directory: name a file in a folder" in said
+
+
+def test_a_second_agent_is_refused_and_changes_nothing(tmp_path):
+    path = tmp_path / "audit"
+    arguments = ("udp4", "-p", 0, "-m", "memory", "--audit", path)
+    with process(*arguments) as one:
+        one.until(r"port: (\d+)")
+        status, said = refused(*arguments)
+        assert (status, said) == (
+            1,
+            f"uros: --audit {path}: another agent writes it: end that one, or name another file\n",
+        )
+        assert one.end() == 0
+    with process(*arguments) as one:
+        one.until(r"port: (\d+)")
+        assert one.end() == 0
+
+
+def test_a_second_agent_is_refused_also_after_the_file_was_renamed(tmp_path):
+    path = tmp_path / "audit"
+    trail = AuditTrail(str(path), 100)
+    for number in range(3):
+        trail._write(b'{"time": "%060d"}\n' % number)
+    assert len(lines_of(path)) == 1 and len(lines_of(tmp_path / "audit.1")) == 1
+    with pytest.raises(AuditError, match="another agent writes it: end that one"):
+        AuditTrail(str(path), 100)
+    os.close(trail._file)
+    os.close(AuditTrail(str(path), 100)._file)
