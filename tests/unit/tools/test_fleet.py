@@ -233,6 +233,16 @@ def test_boards_start_together_and_each_is_printed_at_once(fails, monkeypatch, c
     assert sorted(starts) == sorted(names) and starts.index(names[1]) < starts.index(names[2])
 
 
+def test_a_board_that_does_not_start_prints_no_table(monkeypatch, capsys):
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    monkeypatch.setattr(Slow, "fails", "there is no usb:unplg")
+    monkeypatch.setattr(runner, "RunningBoard", Slow)
+    Slow.one_runs.set()
+    with pytest.raises(ToolError, match="there is no usb:unplg"):
+        Simulation([Plan("one", "esp32_publisher", seed=2)], False, seconds=0.01).run()
+    assert capsys.readouterr().out == ""
+
+
 def test_options_of_one_board(capsys):
     assert cli.main(["board", "run", "esp32_publisher", "esp32_publisher", "--link", "x"]) == 1
     assert "--link is for one board; 'uros fleet'" in capsys.readouterr().err

@@ -223,9 +223,16 @@ def program_folder(name: str) -> Path:
         except BoardError as error:
             raise ToolError(str(error)) from error
     folder = Path(name)
+    if folder.is_file():
+        raise ToolError(f"{name} is a file: give the folder of a main.py, such as {folder.parent}")
     if not folder.is_dir():
-        close = did_you_mean(name, BOARDS) or f" (boards: {', '.join(BOARDS)})"
-        raise ToolError(f"there is no board or folder {name!r}{close}")
+        beside = sorted(str(main.parent) for main in folder.parent.glob("*/main.py"))
+        close = did_you_mean(name, [*beside, *BOARDS])
+        if not close and folder.parent == Path():
+            close = f" (boards: {', '.join(BOARDS)})"
+        raise ToolError(
+            f"there is no board or folder {name!r}{close or '; give the folder of a main.py'}"
+        )
     if not (folder / "main.py").is_file():
         raise ToolError(f"{folder}: there is no main.py in it, which a board starts")
     return folder

@@ -48,7 +48,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_engine(parser)
     parser.add_argument(
-        "--firmware", metavar="DIR", help="folder with another program (main.py) for the board"
+        "--firmware",
+        metavar="DIR",
+        help="folder with another program (main.py), or the board whose program to run",
     )
     add_interfaces(parser)
     add_secrets(parser)

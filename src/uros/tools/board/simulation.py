@@ -11,13 +11,14 @@ import threading
 import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from ..agent.child_process import AgentProcess
 from ..ending import end_on_signals, uninterrupted
 from ..errors import ToolError
+from .build import program_folder
 from .screen import Row, Screen
 
 if TYPE_CHECKING:
@@ -95,16 +96,22 @@ class Simulation:
         agent: Whether to run an agent; None to run one if a program talks to an agent.
         port: The UDP port of the agent, for boards with Wi-Fi.
         seconds: How long to run; None for no limit.
+
+    Raises:
+        ToolError: There is no such program.
     """
 
     def __init__(
         self, plans: Sequence[Plan], agent: bool | None = None, port: int = AGENT_PORT,
         seconds: float | None = None,
     ) -> None:  # fmt: skip
-        self._plans = plans
+        self._plans = [
+            replace(plan, firmware=str(program_folder(plan.firmware))) if plan.firmware else plan
+            for plan in plans
+        ]
         self._seconds = seconds
         self._port = port
-        self._wanted = any(map(talks_to_agent, plans)) if agent is None else agent
+        self._wanted = any(map(talks_to_agent, self._plans)) if agent is None else agent
         self._events: queue.Queue[tuple[_Seat | None, dict[str, Any]]] = queue.Queue()
         self._seats: list[_Seat] = []
         self._screen = Screen()
@@ -166,13 +173,13 @@ class Simulation:
     def _start_boards(self) -> None:
         """Start the boards, as many at a time as there are processors, and print each that runs.
 
+        The table comes with the first board that runs: if none does, the error stands alone.
+
         Raises:
             StartError: A board does not start.
         """
         if len(self._seats) > 1:
             self._say(None, f"starting {len(self._seats)} boards")
-        if self._screen.live:
-            self._screen.show(self._table())  # first: later lines scroll below it
         with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
             starts = {pool.submit(seat.board.start): seat for seat in self._seats}
             try:
@@ -185,9 +192,9 @@ class Simulation:
     def _started(self, seat: _Seat) -> None:
         seat.program = "runs"
         line = seat.board.path
-        self._say(seat, f"{seat.plan.board} runs on {seat.plan.engine}; its USB line is {line}")
         if self._screen.live:
-            self._screen.show(self._table())
+            self._screen.show(self._table())  # first: later lines scroll below it
+        self._say(seat, f"{seat.plan.board} runs on {seat.plan.engine}; its USB line is {line}")
 
     # --- the agent --------------------------------------------------------------------
 
@@ -271,14 +278,15 @@ class Simulation:
         from ...middleware.environment import environment_domain
 
         if self._wanted:
-            self._say(None, "an agent runs too; Ctrl-C ends everything")
+            domain = environment_domain()
+            self._say(None, f"an agent runs too, in domain {domain}; Ctrl-C ends everything")
         for seat in self._seats:
             command = self._next(seat)
             if command:
                 self._say(seat, f"next, in another terminal: {command}")
         if self._wanted:
             command = "uros topic list -t"
-            if domain := environment_domain():
+            if domain:
                 command += f" --domain {domain}"
             self._say(None, f"next, in another terminal: {command}")
         self._say(None, self._help())

@@ -231,7 +231,9 @@ def test_no_process_or_folder_is_left_after_any_end(run, tmp_path, number):
 
 def test_a_board_with_its_agent(run, own_domain_id):
     board = run("ra6m5_sensor_node", env=dict(os.environ, ROS_DOMAIN_ID=str(own_domain_id)))
-    assert board.until("Ctrl-C")[-1] == "board: an agent runs too; Ctrl-C ends everything"
+    assert board.until("Ctrl-C")[-1] == (
+        f"board: an agent runs too, in domain {own_domain_id}; Ctrl-C ends everything"
+    )
     command = board.until("next")[-1].partition("another terminal: ")[2]
     assert command == f"uros topic list -t --domain {own_domain_id}"
     assert f"domain_id: {own_domain_id}" in board.until("domain overridden")[-1]
@@ -347,7 +349,11 @@ def test_the_sensor_node_needs_an_agent(run, domain, words):
     ("arguments", "words"),
     [
         (["--fault", "sht3x:sulking"], "there is no sht3x:sulking"),
-        (["--firmware", "/nowhere"], "no such folder"),
+        (["--firmware", "/nowhere"], "folder '/nowhere'; give the folder of a main.py"),
+        (
+            ["--firmware", "esp32_publishr"],
+            "there is no board or folder 'esp32_publishr'; did you mean 'esp32_publisher'",
+        ),
         (["--link", __file__], "left alone"),
         (["--interfaces", "/nowhere"], "/nowhere: no such folder; give a folder that holds .msg"),
         (["--engine", "micropython"], "npm install"),
@@ -360,6 +366,31 @@ def test_boards_that_cannot_run_have_an_error_of_one_line(run, tmp_path, argumen
     out, error = board.process.communicate(timeout=30)
     assert board.process.returncode == 1 and out == ""
     assert error.startswith("uros: ") and error.count("\n") == 1 and words in error
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("countr", "there is no board or folder 'countr'; did you mean 'counter'?"),
+        ("./{}/countr", "folder './{}/countr'; did you mean '{}/counter'?"),
+        ("{}/empty", "empty: there is no main.py in it, which a board starts"),
+        ("counter/main.py", "main.py is a file: give the folder of a main.py, such as counter"),
+        ("xyz", "there is no board or folder 'xyz' (boards: ra6m5_sensor_node, "),
+    ],
+)
+def test_a_misspelt_program_is_the_only_line_and_says_what_was_meant(
+    tmp_path, monkeypatch, capsys, name, words
+):
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    here = tmp_path / "here"
+    for folder in (here, here / "more"):
+        touch(folder / "counter" / "main.py")
+        (folder / "empty").mkdir()
+    monkeypatch.chdir(here)
+    arguments = ["--firmware", name.format("more"), "--no-agent"]
+    assert cli.main(["board", "run", "ra6m5_sensor_node", *arguments]) == 1
+    out, error = capsys.readouterr()
+    assert out == "" and error.count("\n") == 1 and words.format("more", "more") in error
 
 
 def touch(file):
