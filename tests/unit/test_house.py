@@ -313,6 +313,12 @@ def test_each_package_lists_its_modules() -> None:
             wrong.append(f"{index.relative_to(ROOT)} does not list {', '.join(missing)}")
         if surplus:
             wrong.append(f"{index.relative_to(ROOT)} lists what is not there: {', '.join(surplus)}")
+        for bar, rows in re.findall(r"^(=+)  =+\n(.*?)^=+  =+$", text, re.M | re.S):
+            wrong += [
+                f"{index.relative_to(ROOT)}: beside its column: {row}"
+                for row in rows.splitlines()
+                if row[len(bar) : len(bar) + 2] != "  " or row[len(bar) + 2] == " "
+            ]
     assert not wrong, "\n".join(wrong)
 
 
