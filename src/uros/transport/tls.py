@@ -61,6 +61,14 @@ def _refused(error: Exception) -> OSError:
     return OSError("the agent's certificate is refused: " + str(error).strip())
 
 
+def _said(error: "Any") -> "Any":
+    """Return the error, or one with the remedy if the agent has said that it refuses the board."""
+    text = str(error)
+    if "ALERT" in text.upper():
+        return OSError("the agent refuses the connection, its log has why and the remedy: " + text)
+    return error
+
+
 class TlsTransport(TcpTransport):
     """A :class:`~uros.transport.tcp.TcpTransport` in TLS.
 
@@ -143,6 +151,8 @@ class TlsTransport(TcpTransport):
             return None
         except ValueError as error:
             raise _refused(error)
+        except OSError as error:
+            raise _said(error)
 
     def _write(self, data: "Buffer") -> "int | None":
         try:
@@ -153,3 +163,6 @@ class TlsTransport(TcpTransport):
             return 0
         except ValueError as error:
             raise _refused(error)
+        except OSError as error:
+            self._read()  # raises what the agent has said before it closed the connection
+            raise error

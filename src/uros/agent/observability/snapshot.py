@@ -148,8 +148,14 @@ def pieces(server: Server, rates: Rates | None = None) -> Iterator[str]:
         "ready": ready,
         "problems": [cut(problem) for problem in problems],
         "refusals": [
-            {"kind": kind, "rule": rule, "times": times}
-            for (kind, rule), times in agent.refusals.counts.items()
+            {
+                "kind": kind,
+                "rule": rule,
+                "times": agent.refusals.counts[kind, rule],
+                "address": cut(address),
+                "why": cut(why),
+            }
+            for (kind, rule), (address, why) in agent.refusals.latest.items()
         ],
     }
     yield _text({**head(server), **judged})[:-1] + ',"clients":['

@@ -206,12 +206,14 @@ class Refusals(dict[int, Refusal]):
 
     Attributes:
         counts: How many refusals there were, by kind and rule.
+        latest: Address and reason of the latest one, by kind and rule.
         listeners: Called with each refusal.
     """
 
     def __init__(self) -> None:
         super().__init__()
         self.counts: Counter[tuple[str, str]] = Counter()
+        self.latest: dict[tuple[str, str], tuple[str, str]] = {}
         self.listeners: list[Callable[[RefusalEvent], None]] = []
 
     def count(
@@ -219,6 +221,7 @@ class Refusals(dict[int, Refusal]):
     ) -> None:
         """Count something that was refused, and tell the listeners."""
         self.counts[kind, rule] += times
+        self.latest[kind, rule] = address, why
         for listener in self.listeners:
             listener(RefusalEvent(kind, rule, key, address, why, times))
 

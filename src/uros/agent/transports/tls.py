@@ -270,9 +270,17 @@ class TlsServer(TcpServer):
             self._watch(connection, True)
             return False
         except (OSError, ValueError) as error:
-            self._fault(connection, _explain(error))
+            self._fault(connection, self._why(error))
             return False
         return True
+
+    def _why(self, error: Exception) -> str:
+        """Explain a failed handshake, with the remedy."""
+        if getattr(error, "reason", None) == _EXPIRED:
+            for doubt in self.doubts(self._host.clock.time_ns() / 1e9):
+                if doubt.startswith("--tls-cert") and " expired on " in doubt:
+                    return f"it refuses the agent's certificate: {doubt}"
+        return _explain(error)
 
     def _watch(self, connection: Any, writing: bool) -> None:
         self._host.watch(connection.sock.fileno(), lambda: self._ready(connection), writing)
@@ -297,7 +305,7 @@ class TlsServer(TcpServer):
         except (OSError, ValueError) as error:
             if plain.fileno() < 0:
                 connection.sock = socket.socket()  # for _drop to close
-            self._fault(connection, _explain(error))
+            self._fault(connection, self._why(error))
             return False
         return True
 
@@ -383,6 +391,8 @@ def _explain(error: Exception) -> str:
     return f"the handshake fails ({words}): what it sends is not valid TLS"
 
 
+# What a board says of a certificate of the agent whose time is over.
+_EXPIRED: Final = "SSLV3_ALERT_CERTIFICATE_EXPIRED"
 _REVOKED: Final = (
     "its certificate is revoked by --tls-crl: give the board a new one, if it is yours"
 )

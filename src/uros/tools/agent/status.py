@@ -165,6 +165,7 @@ def page(
         lines.append(_cut(f"  in/s, out/s: messages a second{_over(snapshot, before)}", width))
     if snapshot["refused"]:
         lines += ["", *_refused(snapshot, width)]
+    lines += _without_tls(snapshot, width)
     for problem in snapshot.get("problems", ()):
         lines += ["", *_wrapped(f"problem: {plain(problem)}", width, "")]
     if verbose:
@@ -328,6 +329,19 @@ def _refused(snapshot: Snapshot, width: int) -> list[str]:
     lines = _table(rows, width, "<<>><", 4, 1)
     for why in dict.fromkeys(refusal["why"] for refusal in snapshot["refused"]):
         lines += _wrapped(f"{plain(why)}: {_remedy(why)}", width)
+    return lines
+
+
+def _without_tls(snapshot: Snapshot, width: int) -> list[str]:
+    """Return lines about connections that TLS refused: such boards have no client key yet."""
+    lines = []
+    for refusal in snapshot.get("refusals", ()):
+        if refusal["rule"] == "tls" and "why" in refusal:  # not of an agent of an earlier version
+            times = refusal["times"]
+            lines += ["", *_wrapped(
+                f"TLS refused {times} connection{'s' * (times != 1)}, the latest from"
+                f" {plain(refusal['address'])}: {plain(refusal['why'])}", width, "",
+            )]  # fmt: skip
     return lines
 
 

@@ -283,6 +283,26 @@ def check_refused(snapshots: Sequence[Snapshot]) -> list[Finding]:
     ]
 
 
+def check_tls(snapshots: Sequence[Snapshot]) -> list[Finding]:
+    """Report the latest connection that TLS refused: a note, for it may be a stranger's."""
+    findings = []
+    for snapshot in snapshots:
+        for refusal in snapshot.get("refusals", []):
+            if refusal.get("rule") != "tls" or "why" not in refusal:
+                continue
+            times = refusal["times"]
+            why, _, remedy = refusal["why"].partition(": ")
+            findings.append(
+                note(
+                    "tls",
+                    f"the agent {snapshot.get('pid')} refused {times} TLS"
+                    f" connection{'s' * (times != 1)}, the latest from {refusal['address']}: {why}",
+                    remedy,
+                )
+            )
+    return findings
+
+
 def of_board(client: dict[str, Any]) -> str:
     """Return how to name a board: by its nodes, else by its key."""
     nodes = ", ".join(str(node.get("name")) for node in client.get("nodes", []))

@@ -256,6 +256,7 @@ class Doctor:
         self._keys(began)
         for check in (
             doctor_agents.check_refused,
+            doctor_agents.check_tls,
             doctor_agents.check_middleware,
             doctor_agents.check_lines,
             doctor_agents.check_clocks,

@@ -38,6 +38,7 @@ from uros.agent.transports import tls as module
 from uros.agent.transports.base import TransportError
 from uros.agent.transports.certificates import Certificates
 from uros.agent.transports.tls import TlsServer, _name_in, tls_server
+from uros.transport.tls import TlsTransport
 from uros.wire import ids
 
 PING = plain.PING
@@ -462,6 +463,39 @@ def test_an_expired_certificate_of_the_agent_is_logged_at_the_start(tmp_path):
         assert re.search(
             rf"boards may not connect +\| --tls-cert {files[0]} expired on {day}", said
         )
+
+
+@VERSIONS
+def test_a_board_that_refuses_an_expired_certificate_is_told_as_that(tmp_path, version):
+    now = datetime.datetime.now(datetime.timezone.utc)
+    authority = Authority(tmp_path)
+    files = authority.agent(not_after=now - datetime.timedelta(days=1))
+    with serving(RunningAgent(tls_server(0, "127.0.0.1", *files, None), "memory", 0, 4)) as agent:
+        with pytest.raises(ssl.SSLCertVerificationError):
+            connected(agent.transport.port, at(authority.client(), version))
+        wait_for(agent.said.getvalue, "no TLS connection")
+        why = agent.said.getvalue().rpartition("address: ")[2]
+    day = f"{now - datetime.timedelta(days=1):%Y-%m-%d}"
+    said = f"it refuses the agent's certificate: --tls-cert {files[0]} expired on {day}: make a new"
+    assert said in why
+
+
+@pytest.mark.parametrize("receives", [True, False])
+def test_a_board_with_an_expired_certificate_is_told_by_the_agent(strict, receives):
+    """Also if it learns by sending that the agent has closed the connection."""
+    agent, authority = strict
+    now = datetime.datetime.now(datetime.timezone.utc)
+    files = authority.issue("old", not_after=now - datetime.timedelta(days=1))
+    board = TlsTransport("127.0.0.1", agent.transport.port, 512, authority.ca, *files)
+    board.open()
+    while not board._connected():
+        pass
+    with pytest.raises(OSError, match=r"its log has why and the remedy: .*certificate expired"):
+        while True:
+            board.send(PING)
+            if receives:
+                board.receive(1)
+    board.close()
 
 
 # --- revocation and rotation ---------------------------------------------------------------------

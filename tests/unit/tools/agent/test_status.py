@@ -81,6 +81,26 @@ def test_the_page():
     assert "\n".join(page(snapshot(), width=120)) == PAGE
 
 
+def test_connections_that_tls_refused_are_below_the_boards():
+    refusal = {"kind": "connection", "rule": "tls", "times": 4, "address": "192.168.1.9:2018",
+               "why": "its certificate has expired: give the board a new one"}  # fmt: skip
+    shown = page(snapshot(clients=[], refused=[], refusals=[refusal]), width=120)
+    assert (
+        "\n".join(shown)
+        .replace("\n  ", " ")
+        .endswith(
+            "\n\nTLS refused 4 connections, the latest from 192.168.1.9:2018: its certificate has"
+            " expired: give the board a new one"
+        )
+    )
+    hostile = dict(refusal, address="\x1b[2J", why="\n\x1b[31m")
+    text = "".join(page(snapshot(refusals=[hostile])))
+    assert text.isascii() and text.isprintable()
+    # An agent of an earlier version has no reasons.
+    earlier = {"kind": "connection", "rule": "tls", "times": 4}
+    assert page(snapshot(refusals=[earlier])) == page(snapshot())
+
+
 def test_the_endpoints_of_each_board():
     assert "\n".join(page(snapshot(), verbose=True, width=120)).endswith(
         """

@@ -19,6 +19,7 @@ from uros.tools.doctor.agents import (
     check_middleware,
     check_port,
     check_refused,
+    check_tls,
 )
 from uros.tools.doctor.snapshots import Agents
 
@@ -251,6 +252,21 @@ def test_other_refusals():
                "times": 2, "ago": 0.5}  # fmt: skip
     (one,) = check_refused([snapshot(refused=[refused])])
     assert one.state == "problem" and "not in the list of keys" in one.what and one.fix
+
+
+def test_tls_that_was_refused():
+    refusal = {"kind": "connection", "rule": "tls", "times": 4, "address": "10.0.0.9:1",
+               "why": "its certificate has expired: give the board a new one"}  # fmt: skip
+    (one,) = check_tls([snapshot(A, refusals=[refusal, dict(refusal, rule="allow_net")])])
+    assert (one.state, one.what, one.fix) == (
+        "note",
+        "the agent 7 refused 4 TLS connections, the latest from 10.0.0.9:1: its certificate has"
+        " expired",
+        "give the board a new one",
+    )
+    # An agent of an earlier version has no reasons, and one without refusals no list.
+    del refusal["why"], refusal["address"]
+    assert check_tls([snapshot(A, refusals=[refusal]), snapshot(A)]) == []
 
 
 def test_an_agent_with_the_memory_middleware():
