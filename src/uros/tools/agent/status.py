@@ -159,7 +159,7 @@ def page(
     lines.append("")
     clients = snapshot["clients"]
     if not clients:
-        lines.append("No boards. Their firmware must know this host's address and the port.")
+        lines += _no_boards(snapshot, width)
     else:
         lines += _boards(_clients(snapshot, before), width)
         lines.append(_cut(f"  in/s, out/s: messages a second{_over(snapshot, before)}", width))
@@ -329,6 +329,25 @@ def _refused(snapshot: Snapshot, width: int) -> list[str]:
     lines = _table(rows, width, "<<>><", 4, 1)
     for why in dict.fromkeys(refusal["why"] for refusal in snapshot["refused"]):
         lines += _wrapped(f"{plain(why)}: {_remedy(why)}", width)
+    return lines
+
+
+def _no_boards(snapshot: Snapshot, width: int) -> list[str]:
+    """Return lines about what boards need to connect, and about serial lines with noise alone."""
+    from ..doctor.agents import NOISE
+
+    serial = [each for each in snapshot["transports"] if "crc_errors" in each]
+    if len(serial) < len(snapshot["transports"]):
+        lines = ["No boards. Their firmware must know this host's address and the port."]
+    else:
+        lines = ["No boards. Their firmware must send at the baud rate of this agent."]
+    for each in serial:
+        if not each.get("frames") and each.get("skipped", 0) >= NOISE:
+            device = plain(each["label"])
+            lines += _wrapped(
+                f"{device} has bytes and no frame: another baud rate, or firmware without"
+                f" micro-ROS; stop this agent, and 'uros doctor --dev {device}' finds out", width,
+            )  # fmt: skip
     return lines
 
 

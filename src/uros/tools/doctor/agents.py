@@ -12,7 +12,7 @@ from .finding import Finding, note, ok, problem, unknown, word
 # An offset of a board's clock that disturbs sensor fusion, in seconds.
 CLOCK_LIMIT: Final = 0.1
 # Faults of a line: bytes without a frame; broken frames, how many at least and one in how many.
-_NOISE: Final = 16
+NOISE: Final = 16
 _FEW: Final = 5
 _BROKEN: Final = 20
 # How many ports are tried to suggest a free one.
@@ -235,7 +235,7 @@ def check_lines(snapshots: Sequence[Snapshot]) -> list[Finding]:
                 continue
             frames = line.get("frames", line.get("messages", 0))
             name, broken, skipped = line.get("label"), line["crc_errors"], line.get("skipped", 0)
-            if not frames and skipped >= _NOISE:
+            if not frames and skipped >= NOISE:
                 findings.append(
                     problem(
                         "line",

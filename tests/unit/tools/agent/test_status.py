@@ -81,6 +81,21 @@ def test_the_page():
     assert "\n".join(page(snapshot(), width=120)) == PAGE
 
 
+def test_noise_on_a_line_is_told_where_there_is_no_board():
+    udp, line = snapshot()["transports"]
+    noise = dict(line, messages=0, frames=0, skipped=312)
+    shown = page(snapshot(transports=[noise], clients=[], refused=[]), width=120)
+    assert shown[-3:] == [
+        "No boards. Their firmware must send at the baud rate of this agent.",
+        "  /dev/ttyACM0 has bytes and no frame: another baud rate, or firmware without micro-ROS;"
+        " stop this",
+        "  agent, and 'uros doctor --dev /dev/ttyACM0' finds out",
+    ]
+    for quiet in (line, dict(noise, skipped=3)):
+        shown = page(snapshot(transports=[udp, quiet], clients=[], refused=[]), width=120)
+        assert shown[-1] == "No boards. Their firmware must know this host's address and the port."
+
+
 def test_connections_that_tls_refused_are_below_the_boards():
     refusal = {"kind": "connection", "rule": "tls", "times": 4, "address": "192.168.1.9:2018",
                "why": "its certificate has expired: give the board a new one"}  # fmt: skip
