@@ -112,7 +112,9 @@ def _why_not_free(family: tuple[int, int], host: str, port: int) -> str:
 
 
 def _check_devices(config: Config) -> None:
-    """Check that each device is served once, and that it is there."""
+    """Check that each device is served once, and that it is there and free."""
+    from ...doctor.process import holders_of_file
+
     taken: dict[str, int] = {}
     for part in config.transports:
         place = config.place_of(part)
@@ -125,6 +127,11 @@ def _check_devices(config: Config) -> None:
                 config.problem(
                     f"{device} is not there now: an agent waits for it", *place, is_warning=True
                 )
+            elif device.startswith("/") and (holders := holders_of_file(device)):
+                config.problem(
+                    f"{device} is in use by {holders[0]}: perhaps an agent with this file is"
+                    " running; a second one waits until it is free", *place, is_warning=True,
+                )  # fmt: skip
 
 
 def _devices(part: argparse.Namespace) -> list[str]:

@@ -1,7 +1,12 @@
 """``uros agent check``: what a configuration contradicts, what it lacks, and how it is printed."""
 
 import datetime
+import os
+import pty
+import re
 import socket
+import subprocess
+import sys
 
 import pytest
 from support.certificates import Authority
@@ -199,6 +204,26 @@ def test_a_port_that_is_taken_is_a_warning(check, name, kind):
     assert lines[0] == (
         f"3: warning: port {port} of {name} ([[transport]] number 1): Address already in use:"
         " perhaps an agent with this file is running"
+    )
+
+
+@pytest.mark.skipif(not os.path.exists("/proc"), reason="not on this platform: needs /proc")
+def test_a_device_that_is_in_use_is_a_warning(check):
+    ours, theirs = pty.openpty()
+    device = os.ttyname(theirs)
+    holder = subprocess.Popen([sys.executable, "-c", "input()"], stdin=theirs)
+    os.close(theirs)
+    try:
+        status, lines = check(f'[[transport]]\ntype = "serial"\ndev = "{device}"\n')
+    finally:
+        holder.kill()
+        holder.wait()
+        os.close(ours)
+    assert status == 0 and lines[1].endswith(", 1 warning")
+    assert re.fullmatch(
+        rf"1: warning: {device} is in use by python.* \(pid {holder.pid}\): perhaps an agent with"
+        " this file is running; a second one waits until it is free",
+        lines[0],
     )
 
 
