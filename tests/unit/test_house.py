@@ -114,6 +114,7 @@ FULL = {
         "ending",
         "errors",
         "fleet",
+        "graph_types",
         "listing",
         "pages",
         "parser",

@@ -10,6 +10,8 @@
                  interrupted
 ``errors``       Errors that end a command with one line for the user instead of a traceback
 ``fleet``        ``uros fleet``: run the virtual boards that a file lists, and one agent for them
+``graph_types``  Types of topics, services and actions in the graph: what ``type``, ``find`` and
+                 others share
 ``listing``      Listings and infos as JSON
 ``pages``        Options and opening of the page, for the verbs with a page in a browser
 ``parser``       The parser of every command, whose errors are one line with the choice meant

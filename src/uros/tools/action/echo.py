@@ -9,8 +9,9 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any, Final
 
-from ..common import add_action, add_common, discover, join, remedy
-from ..errors import ToolError, UsageError, did_you_mean
+from ..common import add_action, add_common, discover, join
+from ..errors import UsageError, did_you_mean
+from ..graph_types import only_type, types_of
 from ..service.events import PRESET, EventPrinter, listen_to_events
 from ..values.message_reader import MessageReader
 from ..values.qos_subscribe import add_qos_arguments
@@ -91,16 +92,8 @@ def _chosen(args: argparse.Namespace) -> list[str]:
 
 
 def _type(network: Network, action: str) -> str:
-    known = network.graph.actions()
-    types = known.get(action)
-    if types is None:
-        raise ToolError(f"there is no action {action!r}{remedy(network, action, known)}")
-    if len(types) > 1:
-        raise ToolError(
-            f"{action} has several types: {', '.join(types)}; give one: uros action echo {action}"
-            " TYPE"
-        )
-    return types[0]
+    types = types_of(network, "action", action, network.graph.actions())
+    return only_type("action", action, types)
 
 
 def _listen(

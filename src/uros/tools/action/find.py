@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import argparse
 
-from ..common import add_common, discover, join
-from ..empty import explain_empty_list, explain_unknown_type
-from ..listing import add_json, entries, print_json
+from ..common import add_common
+from ..graph_types import print_names_of_type
+from ..listing import add_json
+from .list import actions
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -23,20 +24,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the actions of a type."""
-    package, _, name = args.type.partition("/")
-    wanted = args.type if "/" in name else f"{package}/action/{name}"
-    with join(args) as network:
-        discover(network, args)
-        listed = network.graph.actions()
-        matches = {action: types for action, types in listed.items() if wanted in types}
-        if not matches:
-            explain_empty_list(network)
-            explain_unknown_type(wanted, listed.values())
-    if args.count_actions:
-        print(len(matches))
-    elif args.json:
-        print_json(entries(matches))
-    else:
-        for action in matches:
-            print(action)
-    return 0
+    return print_names_of_type(
+        args, "action", lambda network: actions(network, args), args.count_actions
+    )

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 
-from ..common import add_action, add_common, discover, join, remedy
-from ..errors import ToolError
-from ..listing import add_json, print_json
+from ..common import add_action, add_common
+from ..graph_types import print_types
+from ..listing import add_json
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,16 +22,4 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         ToolError: There is no such action.
     """
-    with join(args) as network:
-        discover(network, args)
-        known = network.graph.actions()
-        if args.action not in known:
-            raise ToolError(
-                f"there is no action {args.action!r}{remedy(network, args.action, known)}"
-            )
-    if args.json:
-        print_json(known[args.action])
-        return 0
-    for type_name in known[args.action]:
-        print(type_name)
-    return 0
+    return print_types(args, "action", args.action, lambda graph: graph.actions())

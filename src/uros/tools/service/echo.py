@@ -8,8 +8,8 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from ..common import add_common, add_service, discover, join, remedy
-from ..errors import ToolError
+from ..common import add_common, add_service, discover, join
+from ..graph_types import only_type, types_of
 from ..values.qos_subscribe import add_qos_arguments
 from ..values.show_options import add_show_arguments
 from ..values.typed_values import load_service
@@ -58,16 +58,9 @@ def run(args: argparse.Namespace) -> int:
 def _type(network: Network, service: str, given: str | None) -> str:
     """Return the type of the service: the given one, or the only one in the domain."""
     known = network.graph.services()
-    types = known.get(service)
     if given is not None:
+        types = known.get(service)
         if types and given not in types:
             warn(f"{service} has the type {' and '.join(types)}: no event will come")
         return given
-    if types is None:
-        raise ToolError(f"there is no service {service!r}{remedy(network, service, known)}")
-    if len(types) > 1:
-        raise ToolError(
-            f"{service} has several types: {', '.join(types)}; give one:"
-            f" uros service echo {service} TYPE"
-        )
-    return types[0]
+    return only_type("service", service, types_of(network, "service", service, known))

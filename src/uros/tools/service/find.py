@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 
-from ..common import add_common, join
-from ..empty import explain_empty_list, explain_unknown_type
-from ..listing import add_json, entries, print_json
+from ..common import add_common
+from ..graph_types import print_names_of_type
+from ..listing import add_json
 from .list import add_hidden, services
 
 
@@ -25,19 +25,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the services of a type."""
-    package, _, name = args.type.partition("/")
-    wanted = args.type if "/" in name else f"{package}/srv/{name}"
-    with join(args) as network:
-        listed = services(network, args)
-        matches = {service: types for service, types in listed.items() if wanted in types}
-        if not matches:
-            explain_empty_list(network)
-            explain_unknown_type(wanted, listed.values())
-    if args.count_services:
-        print(len(matches))
-    elif args.json:
-        print_json(entries(matches))
-    else:
-        for service in matches:
-            print(service)
-    return 0
+    return print_names_of_type(
+        args, "srv", lambda network: services(network, args), args.count_services
+    )

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from ..common import add_common, add_service, discover, join, remedy
-from ..errors import ToolError
+from ..common import add_common, add_service, discover, join
+from ..graph_types import types_of
 from ..listing import add_json, print_json
 from ..topic.info import describe_qos, endpoint_entry
 
@@ -34,12 +34,7 @@ def run(args: argparse.Namespace) -> int:
     with join(args) as network:
         discover(network, args)
         graph = network.graph
-        known = graph.services()
-        types = known.get(args.service)
-        if types is None:
-            raise ToolError(
-                f"there is no service {args.service!r}{remedy(network, args.service, known)}"
-            )
+        types = types_of(network, "service", args.service, graph.services())
         if args.json:
             print_json(
                 {

@@ -16,6 +16,7 @@ from ..common import (
     positive_float,
 )
 from ..errors import ToolError, UsageError
+from ..graph_types import only_type
 from ..sim_time import add_use_sim_time
 from ..values import plain
 from ..values.expression import Expression
@@ -115,7 +116,7 @@ def _listen(network: Network, args: argparse.Namespace, printer: Printer) -> Non
     discover(network, args)
     deadline = None if args.timeout is None else time.monotonic() + args.timeout
     if args.type is None:
-        type_name = _only_type(args.topic, topic_types(network, args.topic, deadline))
+        type_name = only_type("topic", args.topic, topic_types(network, args.topic, deadline))
         message = None if args.raw else load_message(type_name, network)
     else:
         type_name = args.type if message is None else message._TYPE
@@ -145,14 +146,6 @@ def _listen(network: Network, args: argparse.Namespace, printer: Printer) -> Non
         printer.output.flush(to_end)
         if lost:
             lost.tell(printer.skipped, last=True)
-
-
-def _only_type(topic: str, types: list[str]) -> str:
-    if len(types) > 1:
-        raise ToolError(
-            f"{topic} has several types: {', '.join(types)}; give one: uros topic echo {topic} TYPE"
-        )
-    return types[0]
 
 
 class Printer:

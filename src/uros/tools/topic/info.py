@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from ..common import add_common, add_topic, discover, join, remedy
-from ..errors import ToolError
+from ..common import add_common, add_topic, discover, join
+from ..graph_types import types_of
 from ..listing import add_json, print_json, qos_entry
 from ..sim_time import add_use_sim_time
 
@@ -38,12 +38,7 @@ def run(args: argparse.Namespace) -> int:
     with join(args) as network:
         discover(network, args)
         graph = network.graph
-        topics = graph.topics()
-        types = topics.get(args.topic)
-        if types is None:
-            raise ToolError(
-                f"there is no topic {args.topic!r}{remedy(network, args.topic, topics)}"
-            )
+        types = types_of(network, "topic", args.topic, graph.topics())
         if args.json:
             print_json(
                 {

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 
-from ..common import add_common, add_topic, discover, join, remedy
-from ..errors import ToolError
-from ..listing import add_json, print_json
+from ..common import add_common, add_topic
+from ..graph_types import print_types
+from ..listing import add_json
 from ..sim_time import add_use_sim_time
 
 
@@ -24,16 +24,4 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         ToolError: There is no such topic.
     """
-    with join(args) as network:
-        discover(network, args)
-        topics = network.graph.topics()
-        if args.topic not in topics:
-            raise ToolError(
-                f"there is no topic {args.topic!r}{remedy(network, args.topic, topics)}"
-            )
-    if args.json:
-        print_json(topics[args.topic])
-        return 0
-    for type_name in topics[args.topic]:
-        print(type_name)
-    return 0
+    return print_types(args, "topic", args.topic, lambda graph: graph.topics())
