@@ -71,6 +71,11 @@ def is_hidden(name: str) -> bool:
     return any(part.startswith(HIDDEN_PREFIX) for part in name.split("/"))
 
 
+def is_hidden_node(full_name: str) -> bool:
+    """Whether the name of a node begins with an underscore. As in ROS, its namespace may."""
+    return full_name.rpartition("/")[2].startswith(HIDDEN_PREFIX)
+
+
 def join(namespace: str, name: str) -> str:
     """A node's full name: ``/`` and ``talker`` give ``/talker``."""
     return f"{namespace.rstrip('/')}/{name}"

@@ -108,6 +108,7 @@ def test_service_types():
 def test_hidden_and_valid():
     assert names.is_hidden("/_uros_1") and names.is_hidden("/fib/_action/feedback")
     assert not names.is_hidden("/a_b/c_")
+    assert names.is_hidden_node("/lab/_x") and not names.is_hidden_node("/_lab/x")
     assert names.is_valid("/a/b_1")
     for bad in ("/", "a", "/a/", "/a//b", "/1a", "/a b", "/a__b", "/ä", "/~x", ""):
         assert not names.is_valid(bad), bad

@@ -1,6 +1,8 @@
 """Values of arguments: topics, nodes, types and other names.
 
 An argument is recognized by its ``dest`` or its ``metavar``, which are the same in all verbs.
+Hidden names of topics, services and nodes are left out, unless an option includes them or the
+underscore of one is typed.
 """
 
 from __future__ import annotations
@@ -9,8 +11,15 @@ import argparse
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final
 
+from ...names import is_hidden, is_hidden_node, is_valid
+
 # Seconds of discovery at most: a user waits for it.
 _DISCOVERY: Final = 0.5
+# The ``dest`` of the options that include hidden names.
+_HIDDEN: Final = "include_hidden"
+_INCLUDING: Final = frozenset(
+    [_HIDDEN, "include_hidden_nodes", "include_hidden_services", "include_hidden_topics"]
+)
 
 Given = Mapping[str, Sequence[str]]
 
@@ -33,7 +42,7 @@ def candidates(
     known = _BY_DEST.get(action.dest) or _BY_METAVAR.get(str(action.metavar))
     if known is None:
         return ()
-    found = known(given, path)
+    found = known({**given, _HIDDEN: ()} if is_hidden(word) else given, path)
     # The first slash of a name may be left away.
     if word and not word.startswith("/"):
         found = [name.removeprefix("/") for name in found]
@@ -44,7 +53,6 @@ def _graph(given: Given, query: Callable[[Any], Iterable[str]]) -> list[str]:
     """Return the names that a query finds in the domain. RTPS of uros loads the fastest."""
     from ...host.network import Network
     from ...middleware.environment import environment_domain
-    from ...names import is_valid
 
     number = int(given["domain"][-1]) if given.get("domain") else environment_domain()
     with Network(number, "rtps") as network:
@@ -52,24 +60,28 @@ def _graph(given: Given, query: Callable[[Any], Iterable[str]]) -> list[str]:
         return [name for name in query(network.graph) if is_valid(name)]
 
 
+def _visible(
+    given: Given, query: Callable[[Any], Iterable[str]], is_hidden: Callable[[str], bool]
+) -> list[str]:
+    """Return the names that a query finds, the hidden ones only if an option includes them."""
+    includes = not _INCLUDING.isdisjoint(given)
+    return [name for name in _graph(given, query) if includes or not is_hidden(name)]
+
+
 def _topics(given: Given, path: Sequence[str]) -> list[str]:
-    return _graph(given, lambda graph: graph.topics())
+    return _visible(given, lambda graph: graph.topics(), is_hidden)
 
 
 def _nodes(given: Given, path: Sequence[str]) -> list[str]:
-    return _graph(given, lambda graph: dict.fromkeys(graph.nodes()))
+    return _visible(given, lambda graph: dict.fromkeys(graph.nodes()), is_hidden_node)
 
 
 def _services(given: Given, path: Sequence[str]) -> list[str]:
-    return _graph(given, lambda graph: graph.services())
+    return _visible(given, lambda graph: graph.services(), is_hidden)
 
 
 def _actions(given: Given, path: Sequence[str]) -> list[str]:
-    end = "/_action/feedback"
-    return _graph(
-        given,
-        lambda graph: [topic[: -len(end)] for topic in graph.topics() if topic.endswith(end)],
-    )
+    return _graph(given, lambda graph: graph.actions())  # hidden ones too, as action list prints
 
 
 def _types(given: Given, path: Sequence[str]) -> list[str]:

@@ -32,8 +32,10 @@ def complete(words: Sequence[str]) -> list[tuple[str, str]]:
 
 def _of_group(group: Group, before: Sequence[str], word: str) -> Candidates:
     path = []
+    given: dict[str, list[str]] = {}
     for at, name in enumerate(before):
         if name == group.option and name:
+            given[name.lstrip("-").replace("-", "_")] = []
             continue
         member = group.members.get(name)
         if member is None:
@@ -42,7 +44,7 @@ def _of_group(group: Group, before: Sequence[str], word: str) -> Candidates:
         if isinstance(member, Verb):
             parser = Parser()
             import_module(f"uros.tools.{member.module}").add_arguments(parser)
-            return _of_parser(parser, before[at + 1 :], word, path)
+            return _of_parser(parser, before[at + 1 :], word, path, given)
         group = member
     if word.startswith("-"):
         more = ["--version"] if not path else [group.option] if group.option else []
@@ -51,12 +53,15 @@ def _of_group(group: Group, before: Sequence[str], word: str) -> Candidates:
 
 
 def _of_parser(
-    parser: argparse.ArgumentParser, before: Sequence[str], word: str, path: Sequence[str]
+    parser: argparse.ArgumentParser,
+    before: Sequence[str],
+    word: str,
+    path: Sequence[str],
+    given: dict[str, list[str]],
 ) -> Candidates:
-    """Return the candidates for a word behind those of a verb."""
+    """Return the candidates for a word behind those of a verb; ``given`` are its options so far."""
     options = {name: action for action in parser._actions for name in action.option_strings}
     positionals = [action for action in parser._actions if not action.option_strings]
-    given: dict[str, list[str]] = {}
     rest = list(before)
     without_options = False
     while rest:
@@ -82,7 +87,7 @@ def _of_parser(
             action = positionals[0]
             if isinstance(action, argparse._SubParsersAction):
                 inner = action.choices.get(first)
-                return _of_parser(inner, rest, word, [*path, first]) if inner else ()
+                return _of_parser(inner, rest, word, [*path, first], given) if inner else ()
             given.setdefault(action.dest, []).append(first)
             if _most(action) == 1:
                 del positionals[0]

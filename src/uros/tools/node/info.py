@@ -17,8 +17,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--include-hidden",
         action="store_true",
-        help="print hidden topics, services and actions too, and those of a hidden node: hidden is"
-        " a name with a part that begins with _",
+        help="print hidden topics, services and actions too, which have a part that begins with _,"
+        " and those of a hidden node, whose name begins with _",
     )
     add_json(parser)
 
@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
         info = network.graph.node(name)
         if info is None:
             raise ToolError(f"there is no node {name!r}{remedy(network, name, nodes)}")
-        if not args.include_hidden and names.is_hidden(name):
+        if not args.include_hidden and names.is_hidden_node(name):
             raise ToolError(f"the node {name!r} is hidden: --include-hidden prints it")
     if nodes.count(name) > 1:
         print(

@@ -33,11 +33,9 @@ def visible_nodes(network: Network, include_hidden: bool) -> list[str]:
         network: The domain.
         include_hidden: Whether nodes count whose names begin with ``_``.
     """
-    return [
-        name
-        for name in network.graph.nodes()
-        if include_hidden or not name.rpartition("/")[2].startswith("_")
-    ]
+    from ...names import is_hidden_node
+
+    return [name for name in network.graph.nodes() if include_hidden or not is_hidden_node(name)]
 
 
 def run(args: argparse.Namespace) -> int:
