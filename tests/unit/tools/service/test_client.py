@@ -74,10 +74,11 @@ class Network:
         return [SimpleNamespace()]
 
     def spin(self, done, seconds):
-        for self.turns in range(self.TURNS):
+        for turn in range(self.TURNS):
+            self.turns = turn
             for requester in self.requesters.values():
-                requester.turn = self.turns
-            if self.turns == self.interrupted_in:
+                requester.turn = turn
+            if turn == self.interrupted_in:
                 raise KeyboardInterrupt
             if done():
                 return True
