@@ -17,6 +17,7 @@ class GraphNetwork:
 
     Attributes:
         listening: What receives the samples of each subscription, by topic.
+        waited: The seconds that each `spin` was given.
     """
 
     domain = 0
@@ -27,6 +28,7 @@ class GraphNetwork:
         self.graph = Graph(source)
         self.script = []
         self.listening = {}
+        self.waited = []
         self.samples_lost = 0
 
     def listen(self, topic, type_name, qos, on_sample):
@@ -40,6 +42,7 @@ class GraphNetwork:
         pass
 
     def spin(self, done, seconds=None):
+        self.waited.append(seconds)
         if done():
             return True
         if not self.script:

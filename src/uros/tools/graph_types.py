@@ -33,11 +33,11 @@ def types_of(network: Network, what: str, name: str, known: Mapping[str, list[st
     return known[name]
 
 
-def only_type(what: str, name: str, types: list[str]) -> str:
-    """Return the type of a name, for the verb ``echo``, whose TYPE was left out.
+def only_type(verb: str, name: str, types: list[str]) -> str:
+    """Return the type of a name, for a verb whose TYPE was left out.
 
     Args:
-        what: What has the name: ``topic``, ``service`` or ``action``.
+        verb: The verb with its group, such as ``topic echo``.
         name: The name.
         types: Its types.
 
@@ -46,7 +46,7 @@ def only_type(what: str, name: str, types: list[str]) -> str:
     """
     if len(types) > 1:
         raise ToolError(
-            f"{name} has several types: {', '.join(types)}; give one: uros {what} echo {name} TYPE"
+            f"{name} has several types: {', '.join(types)}; give one: uros {verb} {name} TYPE"
         )
     return types[0]
 

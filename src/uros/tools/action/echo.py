@@ -93,7 +93,7 @@ def _chosen(args: argparse.Namespace) -> list[str]:
 
 def _type(network: Network, action: str) -> str:
     types = types_of(network, "action", action, network.graph.actions())
-    return only_type("action", action, types)
+    return only_type("action echo", action, types)
 
 
 def _listen(

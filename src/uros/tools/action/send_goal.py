@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from ..common import add_action, add_common, join, unsigned_float
 from ..errors import ToolError
+from ..graph_types import only_type
 from ..values import plain
 from ..values.fill import Filled
 from ..values.typed_values import add_type_and_values, load_action, type_and_text
@@ -61,21 +62,12 @@ def run(args: argparse.Namespace) -> int:
         _say("Waiting for an action server to become available...")
         types = wait_for_server(network, args.action, args.timeout or None)
         if kind is None:
-            kind = load_action(_only(types, args.action))
+            kind = load_action(only_type("action send_goal", args.action, types))
         if kind._TYPE not in types:
             raise ToolError(f"{args.action} is {' and '.join(types)}, not {kind._TYPE}")
         filled = filled or Filled(kind.Goal, text)
         filled.stamp(time.time_ns())
         return _send(network, args, kind, filled.message)
-
-
-def _only(types: list[str], action: str) -> str:
-    if len(types) > 1:
-        raise ToolError(
-            f"{action} has several types: {', '.join(types)}; give one:"
-            f" uros action send_goal {action} TYPE"
-        )
-    return types[0]
 
 
 def _send(network: Network, args: argparse.Namespace, kind: Any, message: Any) -> int:

@@ -14,6 +14,7 @@ from importlib.util import find_spec
 from ...names import service_type_from_dds
 from ..common import add_common, add_service, join, positive_float
 from ..errors import ToolError
+from ..graph_types import only_type
 from ..values.fill import Filled
 from ..values.plain import constructed
 from ..values.qos_publish import add_qos_arguments, choose
@@ -61,12 +62,7 @@ def run(args: argparse.Namespace) -> int:
         servers = find_servers(network, args.service, args.timeout)
         there = sorted({service_type_from_dds(server.type_name) for server in servers})
         if kind is None:
-            if len(there) > 1:
-                raise ToolError(
-                    f"{args.service} has several types: {', '.join(there)}; give one:"
-                    f" uros service call {args.service} TYPE"
-                )
-            kind = load_service(there[0])
+            kind = load_service(only_type("service call", args.service, there))
         wanted = kind.Request._TYPE.rpartition("_")[0]
         if wanted not in there:
             raise ToolError(f"{args.service} is {' and '.join(there)}, not {wanted}")

@@ -63,4 +63,4 @@ def _type(network: Network, service: str, given: str | None) -> str:
         if types and given not in types:
             warn(f"{service} has the type {' and '.join(types)}: no event will come")
         return given
-    return only_type("service", service, types_of(network, "service", service, known))
+    return only_type("service echo", service, types_of(network, "service", service, known))

@@ -116,7 +116,7 @@ def _listen(network: Network, args: argparse.Namespace, printer: Printer) -> Non
     discover(network, args)
     deadline = None if args.timeout is None else time.monotonic() + args.timeout
     if args.type is None:
-        type_name = only_type("topic", args.topic, topic_types(network, args.topic, deadline))
+        type_name = only_type("topic echo", args.topic, topic_types(network, args.topic, deadline))
         message = None if args.raw else load_message(type_name, network)
     else:
         type_name = args.type if message is None else message._TYPE

@@ -19,6 +19,7 @@ from ..common import (
     unsigned_int,
 )
 from ..errors import ToolError, UsageError, did_you_mean
+from ..graph_types import only_type
 from ..sim_time import TOPIC, add_use_sim_time, clock
 from ..values.fill import Filled
 from ..values.plain import constructed
@@ -144,13 +145,7 @@ def _messages(message_class: Any, text: str, file: str | None) -> list[Filled]:
 
 def _type_there(network: Network, args: argparse.Namespace) -> str:
     discover(network, args)
-    types = topic_types(network, args.topic)
-    if len(types) > 1:
-        raise ToolError(
-            f"{args.topic} has several types: {', '.join(types)};"
-            f" give one: uros topic pub {args.topic} TYPE"
-        )
-    return types[0]
+    return only_type("topic pub", args.topic, topic_types(network, args.topic))
 
 
 def _join_topic(network: Network, topic: str, message: Any, qos: QoSProfile) -> Writer:
