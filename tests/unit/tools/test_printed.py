@@ -761,7 +761,7 @@ def bag_any(verb):
                     topic = TopicMetadata(name, kind, serialization_format=HOSTILE)
                     writer.write(writer.add_topic(topic), bytes(60), 5, 5)
             if verb == "info":
-                for options in ([], ["-t"], ["-v"], ["--sort", "type"]):
+                for options in ([], ["-t"], ["-v"], ["--json"], ["--sort", "type"]):
                     output("bag", "info", folder, *options, status=0)
             file = folder / writer.metadata.files[0].path
             output("bag", verb, folder, status=0)

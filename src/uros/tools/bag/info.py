@@ -9,9 +9,10 @@ from collections import defaultdict
 from collections.abc import Iterable
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from ...printable import printable
+from ..listing import add_json, print_json
 from .arguments import add_bag
 
 if TYPE_CHECKING:
@@ -44,6 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--sort", choices=("name", "type", "count"), default="name",
         help="order of the topics (default: name)",
     )  # fmt: skip
+    add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -54,10 +56,18 @@ def run(args: argparse.Namespace) -> int:
     if args.topic_name and args.verbose:
         print("uros bag info: -t has no effect beside -v", file=sys.stderr)
     if args.topic_name and not args.verbose:
-        for row in sorted_rows(topic_rows(reader.metadata), args.sort):
+        rows = sorted_rows(topic_rows(reader.metadata), args.sort)
+        if args.json:
+            print_json([{"name": printable(row.name)} for row in rows])
+            return 0
+        for row in rows:
             print(printable(row.name))
         return 0
-    print(describe(reader.metadata, bag_size(args.bag_path), args.sort, contents(reader, args)))
+    of_bag = reader.metadata, bag_size(args.bag_path), args.sort, contents(reader, args)
+    if args.json:
+        print_json(document(*of_bag))
+    else:
+        print(describe(*of_bag))
     return 0
 
 
@@ -151,6 +161,46 @@ def describe(metadata: BagMetadata, size: int, sort: str, found: Contents | None
         f"Service information: {_list(_service_lines(services, sort, found), _SERVICE_WIDTH)}",
     ]
     return "\n".join(lines)
+
+
+def document(metadata: BagMetadata, size: int, sort: str, found: Contents | None) -> dict[str, Any]:
+    """Return what `describe` prints, for JSON: sizes in bytes, times in ns (None if unknown).
+
+    Args:
+        metadata: The metadata.
+        size: The bag's size in bytes.
+        sort: ``name``, ``type`` or ``count``.
+        found: What the messages tell; None without ``-v``.
+    """
+    from ...bag.metadata import NO_TIME
+
+    topics, services = [], []
+    for row in sorted_rows(_rows(metadata), sort):
+        more: dict[str, Any] = {"serialization_format": row.form}
+        if found is not None:
+            more["size"] = found.sizes[row.name]
+        name, kind = printable(row.name), printable(row.type_name)
+        if not _is_service(row):
+            topics.append({"name": name, "type": kind, "count": row.messages, **more})
+            continue
+        if found is not None:
+            more["requests"] = len(found.requests[row.name])
+            more["responses"] = len(found.responses[row.name])
+        name, kind = name.removesuffix(_EVENTS), kind.removesuffix(_EVENT_TYPE)
+        services.append({"name": name, "type": kind, "events": row.messages, **more})
+    has_times = metadata.starting_time_ns != NO_TIME
+    return {
+        "files": [printable(file.path) for file in metadata.files],
+        "size": size,
+        "storage": printable(metadata.storage),
+        "ros_distro": printable(metadata.ros_distro) or None,
+        "duration": metadata.duration_ns,
+        "start": metadata.starting_time_ns if has_times else None,
+        "end": metadata.end_time_ns if has_times else None,
+        "messages": metadata.message_count - sum(service["events"] for service in services),
+        "topics": topics,
+        "services": services,
+    }
 
 
 def sorted_rows(rows: Iterable[Row], sort: str) -> list[Row]:

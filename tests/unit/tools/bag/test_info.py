@@ -1,3 +1,4 @@
+import json
 import re
 import struct
 
@@ -74,6 +75,48 @@ def test_verbose_has_sizes_and_calls(bag, capsys):
 def test_only_the_names(bag, capsys, options, names):
     assert cli.main(["bag", "info", "-t", bag, *options]) == 0
     assert capsys.readouterr().out.split() == names
+
+
+def test_json(bag, capsys):
+    """One document with what the text has: times in ns, sizes in bytes."""
+
+    def printed(*options):
+        assert cli.main(["bag", "info", bag, "--json", *options]) == 0
+        out = capsys.readouterr().out
+        assert out.count("\n") == 1
+        return json.loads(out)
+
+    ant = {"name": "/ant", "type": "std_msgs/msg/UInt8", "count": 1, "serialization_format": "cdr"}
+    zebra = {**ant, "name": "/zebra", "type": "std_msgs/msg/String", "count": 3}
+    add = {"name": "/add", "type": "example_interfaces/srv/AddTwoInts", "events": 5,
+           "serialization_format": "cdr"}  # fmt: skip
+    info = printed()
+    assert info.pop("size") > 1000
+    assert info == {
+        "files": ["bag_0.mcap"], "storage": "mcap", "ros_distro": "kilted",
+        "duration": 1_000_000_000, "start": 1_700_000_000_123_456_789,
+        "end": 1_700_000_001_123_456_789, "messages": 4, "topics": [ant, zebra], "services": [add],
+    }  # fmt: skip
+    info = printed("-v", "--sort", "type")
+    assert info["topics"] == [{**zebra, "size": 3000}, {**ant, "size": 8}]
+    assert info["services"] == [{**add, "size": 260, "requests": 2, "responses": 1}]
+    assert printed("-t") == [{"name": "/ant"}, {"name": "/zebra"}]
+    with BagWriter("empty", "mcap"):
+        pass
+    assert cli.main(["bag", "info", "empty", "--json"]) == 0
+    info = json.loads(capsys.readouterr().out)
+    assert (info["start"], info["end"], info["duration"], info["topics"]) == (None, None, 0, [])
+
+
+@pytest.mark.parametrize("storage, status", [("mcap", 0), ("sqlite3", 1)])
+def test_the_storage_may_be_given(bag, capsys, storage, status):
+    """In place of what the metadata say: a file of another one cannot be read."""
+    assert cli.main(["bag", "info", "-v", bag, "-s", storage]) == status
+    captured = capsys.readouterr()
+    if status:
+        assert captured.out == "" and "bag_0.mcap" in captured.err
+    else:
+        assert "Storage id:        mcap" in captured.out
 
 
 def test_a_single_file(bag, capsys):
