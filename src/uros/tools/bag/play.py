@@ -11,11 +11,12 @@ from collections.abc import Generator, Sequence
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any, Final
 
-from ..common import discover, join, positive_float, positive_int, topic_name
+from ..common import discover, join, positive_float, positive_int, topic_name, unsigned_int
 from ..ending import StopSignals
 from ..errors import ToolError, UsageError, did_you_mean
 from .arguments import add_storage
 from .options import add_running, add_selection, selected
+from .status_line import PERIOD, StatusLine
 
 if TYPE_CHECKING:
     from ...bag.metadata import TopicMetadata
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from ...middleware.base import Writer
     from .keyboard import Keyboard
     from .player import Output, Player
-    from .status_line import StatusLine
 
 _CLOCK_HZ: Final = 40.0
 _QUEUE: Final = 1000
@@ -62,6 +62,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--read-ahead-queue-size", metavar="N", type=positive_int, default=_QUEUE,
         help=f"messages that are read before they are due (default: {_QUEUE})",
     )  # fmt: skip
+    parser.add_argument(
+        "--message-order", choices=("received", "sent"), default="received",
+        help="play by the time at which messages were received (default) or sent; those that wait"
+        " in the queue are compared",
+    )  # fmt: skip
+    parser.add_argument(
+        "--progress-bar-update-rate", metavar="HZ", type=finite, default=1 / PERIOD,
+        help="how often the state is printed on a terminal; 0: never, below 0: at each change"
+        f" (default: {1 / PERIOD:g})",
+    )  # fmt: skip
+    parser.add_argument(
+        "--progress-bar-separation-lines", type=unsigned_int, help=argparse.SUPPRESS
+    )
     parser.add_argument("--disable-loan-message", action="store_true", help=argparse.SUPPRESS)
     add_running(parser)
 
@@ -182,14 +195,15 @@ class _Session:
     ) -> None:
         from .player import ClockTicks
         from .qos_choice import read_overrides
-        from .status_line import StatusLine
 
         self._args = args
         self._network = network
         self._readers = readers
         self._stop = stop
-        self._console: StatusLine = StatusLine()
+        rate = args.progress_bar_update_rate
+        self._console = StatusLine(max(0.0, 1 / rate) if rate else None)
         self._start_ns, self._until_ns = span(readers, args)
+        self._began_ns = self._start_ns
         self._end_ns = max((reader.metadata.end_time_ns for reader in readers), default=0)
         self._has_clock = bool(args.clock or args.clock_topics or args.clock_topics_all)
         overrides = read_overrides(args.qos_profile_overrides_path)
@@ -316,20 +330,23 @@ class _Session:
     def _pass(self, clock: Any, keyboard: Keyboard) -> None:
         """Play the bags once."""
         from .player import Player
-        from .read_ahead import ReadAhead
+        from .read_ahead import ReadAhead, by_time_sent
 
         if self._args.delay:
             self._spin(self._args.delay)
-        source = ReadAhead(
-            merged(self._readers, list(self._outputs), self._start_ns, self._until_ns),
-            self._args.read_ahead_queue_size,
-        )
+        limit = self._args.read_ahead_queue_size
+        messages = merged(self._readers, list(self._outputs), self._start_ns, self._until_ns)
+        by_sent = self._args.message_order == "sent"
+        source = ReadAhead(by_time_sent(messages, limit) if by_sent else messages, limit)
         try:
             filled_by = time.monotonic() + _FILL_SECONDS
             while not (source.is_filled or self._stop.stopped) and time.monotonic() < filled_by:
                 self._spin(_FILL_TURN)
             player = Player(source, clock, self._outputs, self._before)
-            clock.jump(self._start_ns, time.monotonic_ns())
+            first = source.first()
+            if by_sent and first is not None:  # those times may be of another clock
+                self._began_ns = first.received_ns
+            clock.jump(self._began_ns, time.monotonic_ns())
             while not (self._stop.stopped or player.finished):
                 self._turn(player, clock, keyboard)
             if source.error is not None:
@@ -369,7 +386,7 @@ class _Session:
                 self._console.say(f"Rate {rate:g}")
 
     def _state(self, clock: Any) -> str:
-        passed = (clock.time(time.monotonic_ns()) - self._start_ns) / 1e9
+        passed = (clock.time(time.monotonic_ns()) - self._began_ns) / 1e9
         published = sum(output.published for output in self._outputs.values())
         paused = "paused  " if clock.paused else ""
         return (

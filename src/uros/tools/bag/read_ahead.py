@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import heapq
 import threading
 from collections import deque
 from collections.abc import Generator
+from contextlib import closing
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
@@ -12,6 +14,32 @@ if TYPE_CHECKING:
 
 # The most octets of messages that wait, so that a bag of pictures does not fill the memory.
 _MAX_OCTETS: Final = 256 << 20
+
+
+def by_time_sent(
+    messages: Generator[BagMessage, None, None], limit: int, max_octets: int = _MAX_OCTETS
+) -> Generator[BagMessage, None, None]:
+    """Yield messages in the order in which they were sent, which replaces the time of reception.
+
+    Args:
+        messages: The messages in the order in which they were received.
+        limit: The most messages that are compared. One that was overtaken by more of them comes
+            late.
+        max_octets: The most octets of these.
+    """
+    waiting: list[tuple[int, int, BagMessage]] = []
+    octets = 0
+    with closing(messages):
+        for number, message in enumerate(messages):
+            sent = message.sent_ns or message.received_ns
+            heapq.heappush(waiting, (sent, number, message._replace(received_ns=sent)))
+            octets += len(message.cdr)
+            while len(waiting) > limit or octets > max_octets:
+                first = heapq.heappop(waiting)[2]
+                octets -= len(first.cdr)
+                yield first
+    while waiting:
+        yield heapq.heappop(waiting)[2]
 
 
 class ReadAhead:

@@ -9,19 +9,24 @@ from typing import Final
 
 from ...printable import printable, unguarded
 
-_PERIOD: Final = 0.25
+PERIOD: Final = 0.25
+"""Seconds between two states on a terminal."""
 
 
 class StatusLine:
     """Prints lines, and on a terminal the state behind them, without a line end.
 
     Args:
+        period: Seconds between two states; 0 for each one, None for none.
         clock: Returns seconds.
     """
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self, period: float | None = PERIOD, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._period = period or 0.0
         self._clock = clock
-        self._is_live = sys.stderr.isatty()
+        self._is_live = period is not None and sys.stderr.isatty()
         self._next = clock()
         self._is_drawn = False
 
@@ -40,7 +45,7 @@ class StatusLine:
         now = self._clock()
         if not self._is_live or now < self._next:
             return
-        self._next = now + _PERIOD
+        self._next = now + self._period
         self._is_drawn = True
         print(f"\r{printable(text())}\033[K", end="", file=unguarded(sys.stderr), flush=True)
 

@@ -1,4 +1,5 @@
 import argparse
+import signal
 
 import pytest
 from support.bag_network import STRING, Network
@@ -10,7 +11,7 @@ from uros.interfaces import load
 from uros.interfaces.codec import from_cdr
 from uros.qos import QoSProfile, ReliabilityPolicy
 from uros.tools import cli
-from uros.tools.bag import play
+from uros.tools.bag import keyboard, play
 from uros.tools.errors import UsageError
 
 MS = 1_000_000
@@ -109,6 +110,93 @@ def test_the_clock_before_each_message(run, network, tmp_path, options, expected
     assert {(time.sec, time.nanosec) for time in clock} == {
         (BEGIN // S, 0), (BEGIN // S, 10 * MS),
     }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "options, order",
+    [([], [0, 1, 2]), (["--message-order", "received"], [0, 1, 2]),
+     (["--message-order", "sent"], [2, 0, 1])],
+)  # fmt: skip
+def test_the_order_of_messages(run, network, tmp_path, options, order):
+    """By the time of sending, which may be of a clock far from that of reception."""
+    with BagWriter(tmp_path / "bag") as writer:
+        topic = writer.add_topic(TopicMetadata("/x", STRING))
+        for number, sent in enumerate((7, 8, 6)):
+            writer.write(topic, sample(number), BEGIN + number * MS, sent * MS)
+    assert run(tmp_path / "bag", *options)[0] == 0
+    assert network.written == [("rt/x", sample(number)) for number in order]
+
+
+def test_a_delay_before_each_pass(run, network, tmp_path, monkeypatch):
+    """The event loop runs meanwhile; the second pass is interrupted in its delay."""
+    log = []
+
+    def spin(done, seconds=None):
+        if seconds == 0.7:
+            log.append(len(network.written))
+        if len(log) == 2 or len(network.written) > 2:
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(network, "spin", spin)
+    assert run(write(tmp_path / "bag", times=[0, 1]), "-d", "0.7", "--loop")[0] == 0
+    assert log == [0, 2]
+
+
+@pytest.mark.parametrize("rate, period", [("2", 0.5), ("0", None), ("-1", 0.0)])
+def test_how_often_the_state_is_printed(run, tmp_path, monkeypatch, rate, period):
+    periods = []
+    line = play.StatusLine
+    monkeypatch.setattr(play, "StatusLine", lambda period: periods.append(period) or line(period))
+    assert run(write(tmp_path / "bag"), "--progress-bar-update-rate", rate)[0] == 0
+    assert periods == [period]
+
+
+def test_options_without_effect(run, network, tmp_path):
+    options = ["--disable-loan-message", "--log-level", "debug", "--progress-bar-separation-lines",
+               "2"]  # fmt: skip
+    assert run(write(tmp_path / "bag"), *options) == (0, "Played 5 messages\n", "")
+    assert len(network.written) == 5
+
+
+@pytest.mark.parametrize(
+    "options, played",
+    [
+        (["--topics", "/a", "/c"], ["/a", "/c"]),
+        (["--services", "/go"], ["/go/_service_event"]),
+        (["--actions", "/fib"], ["/fib/_action/status"]),
+        (["-e", "^/[bg]"], ["/b", "/go/_service_event"]),
+        (["-x", "a|b|g"], ["/c"]),
+        (["--exclude-topics", "/a", "--exclude-services", "/go", "--exclude-actions", "/fib"],
+         ["/b", "/c"]),
+    ],
+)  # fmt: skip
+def test_what_is_played(run, network, tmp_path, options, played):
+    topics = ["/a", "/b", "/c", "/fib/_action/status", "/go/_service_event"]
+    assert run(write(tmp_path / "bag", topics, [0]), *options)[0] == 0
+    assert [topic.removeprefix("rt") for topic, _ in network.written] == played
+
+
+@pytest.mark.parametrize("storage, status", [("mcap", 0), ("sqlite3", 1)])
+def test_the_storage_may_be_given(run, tmp_path, storage, status):
+    """In place of what the metadata say: a file of another one cannot be read."""
+    found, _, err = run(write(tmp_path / "bag"), "-s", storage)
+    assert found == status and ("bag_0.mcap" in err) == bool(status)
+
+
+def test_the_queue_of_messages_that_were_read(run, network, tmp_path):
+    bag = write(tmp_path / "bag", times=range(20))
+    assert run(bag, "--read-ahead-queue-size", "1")[0] == 0
+    assert len(network.written) == 20
+
+
+@pytest.mark.parametrize("disabled", [False, True])
+def test_keys_are_not_read_if_that_is_disabled(run, tmp_path, monkeypatch, disabled):
+    enabled = []
+    opened = keyboard.open_keyboard
+    monkeypatch.setattr(keyboard, "open_keyboard", lambda on: enabled.append(on) or opened(on))
+    options = ["--disable-keyboard-controls"] if disabled else []
+    assert run(write(tmp_path / "bag"), *options)[0] == 0
+    assert enabled == [not disabled]
 
 
 def test_an_override_is_offered(run, network, tmp_path):

@@ -1,9 +1,11 @@
 import threading
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from uros.bag.storage import BagMessage
-from uros.tools.bag.read_ahead import ReadAhead
+from uros.tools.bag.read_ahead import ReadAhead, by_time_sent
 
 SECONDS = 30
 
@@ -98,3 +100,46 @@ def test_close_ends_the_thread_and_the_reader(limit):
     ahead.close()
     ahead.close()
     assert bag.closed.is_set() and ahead.finished
+
+
+# --- the order in which messages were sent -------------------------------------------------------
+
+
+def sent_at(*times, octets=1):
+    """Yield messages that were received in this order and sent at these times."""
+    for number, sent in enumerate(times):
+        yield BagMessage("/x", bytes([number]) * octets, 1000 + number, sent)
+
+
+def numbers(messages):
+    return [each.cdr[0] for each in messages]
+
+
+def test_messages_come_out_as_they_were_sent_with_that_time():
+    found = list(by_time_sent(sent_at(30, 10, 20, 10), 9))
+    assert [(each.cdr[0], each.received_ns) for each in found] == [
+        (1, 10), (3, 10), (2, 20), (0, 30),
+    ]  # fmt: skip
+    (unknown,) = by_time_sent(sent_at(0), 9)  # such as of a publisher without a clock
+    assert unknown.received_ns == 1000
+
+
+def test_a_message_that_many_have_overtaken_comes_late():
+    assert numbers(by_time_sent(sent_at(20, 30, 40, 10), 1)) == [0, 1, 3, 2]
+    assert numbers(by_time_sent(sent_at(20, 30, 40, 10, octets=50), 9, 60)) == [0, 1, 3, 2]
+
+
+@given(st.lists(st.integers(1, 99), max_size=30), st.integers(1, 30))
+def test_each_message_comes_out_once_and_in_order_if_enough_are_compared(times, limit):
+    found = [each.sent_ns for each in by_time_sent(sent_at(*times), limit)]
+    assert sorted(found) == sorted(times)
+    if limit >= len(times):
+        assert found == sorted(times)
+
+
+def test_the_bag_is_closed_with_the_messages():
+    bag = Bag(message(1), message(2))
+    ordered = by_time_sent(bag.messages(), 1)
+    next(ordered)
+    ordered.close()
+    assert bag.closed.is_set()
