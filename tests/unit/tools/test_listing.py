@@ -71,6 +71,12 @@ def test_topics(printed):
     assert publisher["type"] == STRING and publisher["qos"]["lifespan"] == 3_000_000
 
 
+@pytest.mark.parametrize("line", ["list", "info /chatter", "type /chatter", f"find {STRING}"])
+def test_the_time_of_the_clock_changes_no_listing(printed, line):
+    words = ["topic", *line.split(" ")]
+    assert printed(*words, "-s") == printed(*words, "--use-sim-time") == printed(*words)
+
+
 def test_nodes(printed):
     assert printed("node", "list") == [{"name": "/lab/talker"}]
     assert printed("node", "list", "-a") == [{"name": "/_hidden"}, {"name": "/lab/talker"}]
@@ -95,6 +101,11 @@ def test_services(printed):
     assert printed("service", "find", "std_srvs/Trigger") == [go]
     assert printed("service", "find", "std_srvs/Trigger", "-c") == 1
     assert printed("service", "type", "/go") == ["std_srvs/srv/Trigger"]
+    info = printed("service", "info", "/go")
+    (server,) = info.pop("servers")
+    assert info == {**go, "clients": []}
+    assert server["request"]["type"] == "std_srvs/srv/Trigger_Request"
+    assert server["response"]["qos"]["depth"] == 0
 
 
 def test_interfaces_and_boards(printed):

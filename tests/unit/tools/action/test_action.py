@@ -1,8 +1,10 @@
+import argparse
 import json
 
 import pytest
 
 from uros.tools import cli
+from uros.tools.action import echo
 
 FIBONACCI = "test_msgs/action/Fibonacci"
 GOAL = ["send_goal", "/x", FIBONACCI]
@@ -53,3 +55,22 @@ def test_an_empty_domain(capsys, own_domain_id):
     assert cli.main(["action", "info", "/x", "--json", "--domain", str(own_domain_id)]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert printed == {"name": "/x", "types": [], "clients": [], "servers": []}
+
+
+@pytest.mark.parametrize(
+    "options, chosen, folders",
+    [
+        ([], ["GOAL_SERVICE", "CANCEL_SERVICE", "RESULT_SERVICE", "FEEDBACK_TOPIC",
+              "STATUS_TOPIC"], []),
+        (["-i", "status_topic"], ["STATUS_TOPIC"], []),
+        (["--action-interfaces", "GOAL_SERVICE|feedback_topic"],
+         ["GOAL_SERVICE", "FEEDBACK_TOPIC"], []),
+        (["--interfaces", "CANCEL_SERVICE", "--interfaces", "my_msgs"], ["CANCEL_SERVICE"],
+         ["my_msgs"]),
+    ],
+)  # fmt: skip
+def test_the_interfaces_that_echo_prints(options, chosen, folders):
+    parser = argparse.ArgumentParser()
+    echo.add_arguments(parser)
+    args = parser.parse_args(["/x", *options])
+    assert echo._chosen(args) == chosen and args.interfaces == folders

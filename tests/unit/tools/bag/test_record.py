@@ -7,9 +7,11 @@ from support.signals import default_signals
 from uros.bag.errors import BagError
 from uros.bag.reader import BagReader
 from uros.bag.writer import BagWriter
+from uros.interfaces import load
+from uros.interfaces.codec import to_cdr
 from uros.qos import QoSProfile
 from uros.tools import cli
-from uros.tools.bag import record
+from uros.tools.bag import keyboard, message_cache, record
 
 S = 10**9
 
@@ -110,6 +112,73 @@ def test_a_snapshot_is_written_at_a_signal(run, tmp_path):
     assert times(tmp_path / "bag") == [1, 2]
     assert run(sending(*steps), "-a", bag="whole")[0] == 0
     assert times(tmp_path / "whole") == [1, 2, 3]
+
+
+@pytest.mark.parametrize(
+    "options, recorded",
+    [
+        (["-a"], ["/a/b", "/fib/_action/status", "/go/_service_event", "/leaf"]),
+        (["--all-topics"], ["/a/b", "/leaf"]),
+        (["--all-services"], ["/go/_service_event"]),
+        (["--all-actions"], ["/fib/_action/status"]),
+        (["--topics", "/leaf"], ["/leaf"]),
+        (["--services", "/go", "--actions", "/fib"],
+         ["/fib/_action/status", "/go/_service_event"]),
+        (["--topic-types", "std_msgs/Int32"], ["/leaf"]),
+        (["-a", "--exclude-topic-types", "std_msgs/msg/Int32", "-x", "fib"],
+         ["/a/b", "/go/_service_event"]),
+        (["-a", "--exclude-topics", "/leaf", "--exclude-services", "/go",
+          "--exclude-actions", "/fib"], ["/a/b"]),
+        (["-e", "[bl]", "--include-hidden-topics"], ["/_hidden/b", "/a/b", "/fib/_action/status",
+                                                      "/leaf"]),
+        (["--all-topics", "--ignore-leaf-topics"], ["/a/b"]),
+        (["--all-topics", "--include-unpublished-topics"], ["/a/b", "/leaf", "/nobody"]),
+    ],
+)  # fmt: skip
+def test_what_is_recorded(run, tmp_path, options, recorded):
+    network = Network()
+    for topic in ("/_hidden/b", "/a/b", "/fib/_action/status", "/go/_service_event"):
+        network.publish(topic, QoSProfile())
+        network.readers[topic] = [None]
+    network.publish("/leaf", QoSProfile(), types=["std_msgs/msg/Int32"])
+    network.publish("/nobody")
+    assert run(network, *options)[0] == 0
+    assert sorted(topic.name for topic in BagReader(tmp_path / "bag").topics) == recorded
+
+
+def test_options_of_the_recorder(monkeypatch, tmp_path, capsys):
+    """Its node, its clock, its queue, its keys, and the profiles of its subscriptions."""
+    network, names, caches, enabled = sending(), [], [], []
+    file = tmp_path / "qos.yaml"
+    file.write_text("/x: {depth: 3}\n")
+    cache, opened = message_cache.MessageCache, keyboard.open_keyboard
+    monkeypatch.setattr(record, "join", lambda args, node_name: names.append(node_name) or network)
+    monkeypatch.setattr(
+        message_cache, "MessageCache", lambda *args: caches.append(args) or cache(*args)
+    )
+    monkeypatch.setattr(keyboard, "open_keyboard", lambda on: enabled.append(on) or opened(on))
+    clock = to_cdr(load("rosgraph_msgs/msg/Clock")(clock=load("builtin_interfaces/Time")(sec=5)))
+
+    def send_when_subscribed():
+        if "/x" in network.listening:
+            network.send("/x", at=9 * S)
+        else:
+            network.script.insert(0, send_when_subscribed)
+
+    network.script = [lambda: network.send("/clock", clock), send_when_subscribed, ctrl_c]
+    line = f"""bag record -a -o {tmp_path / "bag"} --node-name ears --use-sim-time -p 1
+        --max-cache-size 5000 --qos-profile-overrides-path {file} --disable-keyboard-controls"""
+    assert cli.main(line.split()) == 0
+    assert names == ["ears"] and caches == [(5000, False)] and enabled == [False]
+    assert ("/x", QoSProfile(3)) in network.log
+    assert times(tmp_path / "bag") == [5]
+
+
+def test_options_without_effect(run, tmp_path):
+    options = ["-f", "cdr", "--log-level", "debug", "--compression-queue-size", "1",
+               "--compression-threads", "2", "--compression-threads-priority", "-1"]  # fmt: skip
+    assert run(sending(1), "-a", *options)[0] == 0
+    assert times(tmp_path / "bag") == [1]
 
 
 def test_start_paused(run, tmp_path):

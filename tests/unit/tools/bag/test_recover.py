@@ -15,8 +15,9 @@ def bag(tmp_path, monkeypatch):
     return tmp_path / "bag"
 
 
-def test_a_whole_bag(bag, capsys):
-    assert cli.main(["bag", "recover", "bag"]) == 0
+@pytest.mark.parametrize("options", [[], ["-s", "mcap"]])
+def test_a_whole_bag(bag, capsys, options):
+    assert cli.main(["bag", "recover", "bag", *options]) == 0
     assert capsys.readouterr().out == "bag_0.mcap: whole, 100 messages\n"
 
 

@@ -16,7 +16,7 @@ def test_the_metadata_are_those_of_the_writer(tmp_path, storage, capsys):
     before = read_metadata(folder)
     assert len(before.files) == 12  # so that number 10 is not before number 2
     (folder / "metadata.yaml").unlink()
-    assert cli.main(["bag", "reindex", str(folder)]) == 0
+    assert cli.main(["bag", "reindex", str(folder), "-s", storage]) == 0
     assert "metadata.yaml is written: 120 messages in 12 files" in capsys.readouterr().out
     assert read_metadata(folder) == before
 

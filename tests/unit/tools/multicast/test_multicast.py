@@ -22,10 +22,13 @@ def port():
 def test_what_is_sent_is_received(monkeypatch, capsys, port):
     """Both ends on this machine; the datagram goes the way of the kernel's choice."""
     sock = group.receiver(group.GROUP, port)
-    monkeypatch.setattr(receive, "receiver", lambda *_: sock)
+    joined = []
+    monkeypatch.setattr(receive, "receiver", lambda *way: joined.append(way) or sock)
     sending = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     sending.sendto(group.TEXT, ("127.0.0.1", port))  # also where there is no route for groups
-    assert cli.main(["multicast", "receive", "--port", str(port)]) == 0
+    options = ["--group", "239.1.2.3", "--port", str(port)]
+    assert cli.main(["multicast", "receive", *options]) == 0
+    assert joined == [("239.1.2.3", port)]
     out = capsys.readouterr().out.splitlines()
     assert out[0] == "Waiting for UDP multicast datagram..."
     assert out[1] == f"Received from 127.0.0.1:{sending.getsockname()[1]}: 'Hello World!'"
@@ -104,12 +107,12 @@ def test_each_interface_is_tested(monkeypatch, capsys):
         return interface.name == "eth0"
 
     monkeypatch.setattr(doctor_network, "comes_back", comes_back)
-    assert cli.main(["multicast", "test", "--group", "239.9.9.9"]) == 1
+    assert cli.main("multicast test --group 239.9.9.9 --port 7".split()) == 1
     out = capsys.readouterr().out
     assert "multicast to 239.9.9.9 works on eth0 (192.168.1.2)" in out
     assert "sudo ip link set eth1 multicast on" in out
     assert "multicast to 239.9.9.9 is lost on wlan0" in out and "iptables" in out
-    assert asked == [(name, group.PORT, "239.9.9.9") for name in ("eth0", "wlan0")]
+    assert asked == [(name, 7, "239.9.9.9") for name in ("eth0", "wlan0")]
     del up[2:]
     assert cli.main(["multicast", "test"]) == 0
 

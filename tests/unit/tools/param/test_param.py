@@ -1,6 +1,12 @@
+import json
+
 import pytest
+from support.graph_network import GraphNetwork
+from unit.host.test_graph_queries import Net, Node
 
 from uros.tools import cli
+from uros.tools.param import node
+from uros.tools.param.values import Typed
 
 
 @pytest.mark.parametrize(
@@ -29,3 +35,64 @@ def test_an_empty_domain(capsys, own_domain_id):
     assert cli.main(["param", "list", "--domain", str(own_domain_id)]) == 0
     captured = capsys.readouterr()
     assert captured.out == "" and "no other participant was found" in captured.err
+
+
+@pytest.fixture
+def hidden_node(monkeypatch):
+    """A domain with the node /_x, which has no services."""
+    net = Net()
+    net.participant(nodes=[Node("/", "_x", [], [])])
+    return GraphNetwork(net).join(monkeypatch)
+
+
+VERBS = ["delete {} a", "describe {} a", "dump {}", "get {} a", "list {}", "load {} FILE",
+         "set {} a 1"]  # fmt: skip
+
+
+@pytest.fixture(params=VERBS, ids=lambda words: words.split()[0])
+def words(request, tmp_path):
+    """Returns the words of a verb for a node."""
+    file = tmp_path / "some.yaml"
+    file.write_text("/**: {ros__parameters: {a: 1}}")
+    return lambda node: ["param", *request.param.format(node).replace("FILE", str(file)).split()]
+
+
+@pytest.mark.parametrize("option", [[], ["--include-hidden-nodes"]], ids=len)
+def test_a_hidden_node_that_is_named_is_meant(hidden_node, words, option, capsys):
+    assert cli.main([*words("/_x"), *option]) == 1
+    assert "the node /_x has no parameter services" in capsys.readouterr().err
+
+
+def test_the_timeout_is_that_of_the_search_for_the_node(hidden_node, words, capsys):
+    hidden_node.script = [lambda: None] * 2
+    for option, seconds in (["--timeout", "2.5"], 2.5), ([], 1.0):
+        assert cli.main([*words("/y"), *option]) == 1
+        assert hidden_node.waited.pop() == seconds
+        assert "there is no node '/y' in domain 0" in capsys.readouterr().err
+
+
+@pytest.fixture
+def node_x(hidden_node, monkeypatch):
+    """Gives the node parameter services, which are not called over the network."""
+    monkeypatch.setattr(hidden_node.graph, "servers", lambda name: [name])
+    return hidden_node
+
+
+def test_json(node_x, monkeypatch, capsys):
+    """An entry for each parameter, with its type on demand."""
+    monkeypatch.setattr(node, "list_all", lambda net, nodes, *_: {nodes[0]: ["a", "b.c"]})
+    monkeypatch.setattr(node, "types_of_all", lambda *_: {"/_x": {"a": "integer", "b.c": "bool"}})
+    assert cli.main(["param", "list", "/_x", "--json"]) == 0
+    entries = [{"node": "/_x", "name": "a"}, {"node": "/_x", "name": "b.c"}]
+    assert json.loads(capsys.readouterr().out) == entries
+    assert cli.main(["param", "list", "/_x", "--json", "--param-type"]) == 0
+    kinds = [entry["type"] for entry in json.loads(capsys.readouterr().out)]
+    assert kinds == ["integer", "bool"]
+
+
+def test_dump_prints_with_and_without_the_option_of_humble(node_x, monkeypatch, capsys):
+    monkeypatch.setattr(node.ParameterNode, "names", lambda _: ["a"])
+    monkeypatch.setattr(node.ParameterNode, "get", lambda *_: [Typed(2, 7)])
+    for option in ([], ["--print"]):
+        assert cli.main(["param", "dump", "/_x", *option]) == 0
+        assert capsys.readouterr().out == "/_x:\n  ros__parameters:\n    a: 7\n\n"

@@ -2,6 +2,8 @@ import argparse
 import io
 
 import pytest
+from support.graph_network import GraphNetwork
+from unit.host.test_graph_queries import Net
 
 from uros.host.network import Received
 from uros.interfaces import load
@@ -13,6 +15,7 @@ from uros.qos import (
     QoSProfile,
     ReliabilityPolicy,
 )
+from uros.tools import cli
 from uros.tools.errors import ToolError, UsageError
 from uros.tools.topic import echo as topic_echo
 from uros.tools.topic.output import Output
@@ -211,3 +214,27 @@ def test_liveliness():
     )
     assert profile.liveliness == LivelinessPolicy.MANUAL_BY_TOPIC
     assert profile.liveliness_lease_ms == 500
+
+
+# --- on a network -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "options, told",
+    [([], True), (["--lost-messages"], True), (["--no-lost-messages"], False), (["-s"], True),
+     (["--use-sim-time"], True)],
+)  # fmt: skip
+def test_lost_messages_are_told_unless_that_is_not_wanted(monkeypatch, capsys, options, told):
+    net = Net()
+    net.endpoint(net.participant(), "rt/x", "std_msgs::msg::dds_::String_", True)
+    network = GraphNetwork(net).join(monkeypatch)
+
+    def receive():
+        network.samples_lost = 3
+        network.listening["/x"](Received(to_cdr(STRING(data="a")), 0, 0))
+
+    network.script = [receive]
+    assert cli.main(["topic", "echo", "/x", "--once", *options]) == 0
+    captured = capsys.readouterr()
+    assert captured.out == "data: a\n---\n"
+    assert captured.err == "WARNING: 3 messages were lost or skipped, 3 in all\n" * told

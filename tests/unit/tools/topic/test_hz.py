@@ -1,5 +1,10 @@
 import pytest
+from support.graph_network import GraphNetwork
+from unit.host.test_graph_queries import STRING, Net
 
+from uros.host.network import Received
+from uros.interfaces import load
+from uros.interfaces.codec import to_cdr
 from uros.tools import cli
 from uros.tools.topic.hz import Rate, report
 
@@ -81,3 +86,44 @@ def test_a_wrong_command_line(arguments, status, said, capsys, own_domain_id):
 def test_all_topics_of_an_empty_domain(capsys, own_domain_id):
     assert cli.main(["topic", "hz", "-a", "--domain", str(own_domain_id)]) == 0
     assert capsys.readouterr().out == "No topics available\n"
+
+
+# --- with messages ------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def measured(monkeypatch, capsys):
+    """Measures /x, to which a message comes each 0.1 s of the system; returns the output."""
+    net = Net()
+    net.endpoint(net.participant(), "rt/x", STRING, True)
+    network = GraphNetwork(net).join(monkeypatch)
+
+    def receive():
+        for number in range(1, 4):
+            if "/clock" in network.listening:
+                time = load("builtin_interfaces/msg/Time")(sec=number)
+                clock = load("rosgraph_msgs/msg/Clock")(clock=time)
+                network.listening["/clock"](Received(to_cdr(clock), 0, 0))
+            cdr = to_cdr(load("std_msgs/msg/String")(data="x" * number))
+            network.listening["/x"](Received(cdr, 0, number * 100 * MS))
+
+    def run(*options):
+        network.script = [receive]
+        assert cli.main(["topic", "hz", "/x", *options]) == 0
+        return capsys.readouterr().out
+
+    return run
+
+
+@pytest.mark.parametrize(
+    "options, rate",
+    [
+        ([], "10.000"),
+        (["-s"], "1.000"),
+        (["-s", "--wall-time"], "10.000"),
+        (["--wall-time"], "10.000"),
+        (["--filter", "len(m.data) != 2"], "5.000"),
+    ],
+)
+def test_the_rate_is_of_the_systems_time_or_of_the_clock(measured, options, rate):
+    assert measured(*options).startswith(f"average rate: {rate}\n")
