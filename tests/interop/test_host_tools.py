@@ -23,6 +23,7 @@ from support.middleware import MIDDLEWARE, host_node
 from support.peer import RosPeer
 from support.spinning import spinning
 
+from uros.bag.reader import BagReader
 from uros.interfaces import load
 from uros.interfaces.codec import from_cdr, to_cdr
 from uros.tools.run.trigger_service import TriggerService
@@ -494,7 +495,7 @@ registry._packaged = lambda: {n: f for n, f in known().items() if not n.startswi
 """
 
 
-def test_definitions_come_from_the_nodes_that_use_the_types(domain, peer):
+def test_definitions_come_from_the_nodes_that_use_the_types(domain, peer, tmp_path):
     def command(*words):
         return [sys.executable, "-c", WITHOUT_TEST_MSGS + UROS, *words, "--domain", str(domain)]
 
@@ -507,13 +508,23 @@ def test_definitions_come_from_the_nodes_that_use_the_types(domain, peer):
     nested = load("test_msgs/msg/Nested")()
     nested.basic_types_value.int16_value = -77
     sample = [to_cdr(nested).hex()]
-    peer.do("publish", topic="/described", type=nested._TYPE, cdr=[], seconds=0)
-    with subprocess.Popen(
-        command("topic", "echo", "/described", "--once"),
-        stdout=subprocess.PIPE, text=True, env=environment(),
-    ) as echo:  # fmt: skip
+    for topic in ("/described", "/kept"):
+        peer.do("publish", topic=topic, type=nested._TYPE, cdr=[], seconds=0)
+    options = {"stdout": subprocess.PIPE, "text": True, "env": environment()}
+    with (
+        subprocess.Popen(
+            command("bag", "record", "/kept", "-o", tmp_path / "bag"), **options
+        ) as recorder,
+        subprocess.Popen(command("topic", "echo", "/described", "--once"), **options) as echo,
+    ):
         peer.do("publish", topic="/described", type=nested._TYPE, cdr=sample)
         assert "  int16_value: -77\n" in echo.stdout.read()
+        while "Definition of test_msgs/msg/Nested" not in recorder.stdout.readline():
+            assert recorder.poll() is None
+        recorder.send_signal(signal.SIGINT)
+    (topic,) = BagReader(tmp_path / "bag").topics
+    assert topic.definition.startswith("BasicTypes basic_types_value\n====")
+    assert "MSG: test_msgs/BasicTypes\n" in topic.definition
     peer.do("subscribe", topic="/asked", type=nested._TYPE)
     values = "{basic_types_value: {int16_value: 5}}"
     assert run("topic", "pub", "--once", "/asked", nested._TYPE, values)[0] == 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Final
 
 from ..interfaces import InterfaceError, registry
@@ -31,10 +32,19 @@ def definition_text(type_name: str) -> str:
         texts = [registry.source(name)[0] for name in names]
     except InterfaceError:
         return ""
-    parts = [texts[0]]
-    for name, text in zip(names[1:], texts[1:], strict=True):
+    return joined(dict(zip(names, texts, strict=True)))
+
+
+def joined(texts: Mapping[str, str]) -> str:
+    """Return the definitions of a message and of those that it nests as one text.
+
+    Args:
+        texts: The text of each by its type; the root comes first.
+    """
+    parts: list[str] = []
+    for name, text in texts.items():
         package, _, plain = name.split("/")
-        parts.append(f"\n{_SEPARATOR}MSG: {package}/{plain}\n{text}")
+        parts.append(f"\n{_SEPARATOR}MSG: {package}/{plain}\n{text}" if parts else text)
     return "".join(parts)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 import tempfile
+import time
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -24,6 +25,7 @@ _SERVICE: Final = "type_description_interfaces/srv/GetTypeDescription"
 # Seconds to wait for a node, and the most nodes that are asked for a type.
 _PATIENCE: Final = 2.0
 _MOST_NODES: Final = 3
+_POLL: Final = 0.05
 # Attack: a node that answers with ever more definitions, or with names that are paths.
 _MOST_TYPES: Final = 256
 _MESSAGE: Final = re.compile(r"[a-z][a-z0-9_]*/msg/[A-Za-z][A-Za-z0-9_]*")
@@ -59,14 +61,18 @@ def know_type(network: Network, type_name: str) -> None:
     if registry.exists(name) or not _MESSAGE.fullmatch(name):
         return
     network.settle()
+    question = TypeQuestion(network, name, time.monotonic())
     try:
-        answer = _ask_owners(network, name)
-        if answer is None:
+        while not network.spin(lambda: question.turn(time.monotonic()), _POLL):
+            pass
+        if question.answer is None:
             return
-        texts = definitions(answer)
+        texts = definitions(question.answer)
     except (InterfaceError, ValueError) as error:
         warn(f"the definition of {type_name} that a node has cannot be used: {error}")
         return
+    finally:
+        question.close()
     _add({each: text for each, text in texts.items() if not registry.exists(each)})
 
 
@@ -119,24 +125,104 @@ def _field_type(kind: Any) -> str:
 # --- the nodes ----------------------------------------------------------------------------------
 
 
-def _ask_owners(network: Network, name: str) -> Any:
-    """Return the answer of a node that has an endpoint of a type, or None."""
-    from ..middleware.base import MiddlewareError
+def is_asked_for(type_name: str, endpoints: Iterable[EndpointInfo]) -> bool:
+    """Return whether a type is one for which the nodes of these endpoints can be asked."""
+    return bool(_MESSAGE.fullmatch(type_name)) and any(map(_has_hash, endpoints))
 
-    services = network.graph.services()
-    asked: dict[str, str] = {}
-    for endpoint in _endpoints(network, name):
-        node = f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"
-        if f"{node}/get_type_description" in services:
-            asked.setdefault(node, endpoint.type_hash)
-    for node, type_hash in list(asked.items())[:_MOST_NODES]:
+
+def _has_hash(endpoint: EndpointInfo) -> bool:
+    return endpoint.type_hash.startswith("RIHS")
+
+
+class TypeQuestion:
+    """Asks the nodes that use a message for its definition, one after the other.
+
+    It does not wait: call :meth:`turn` while the network is served, and :meth:`close` in the end.
+
+    Args:
+        network: The domain.
+        name: The message.
+        now: The time in seconds.
+        patience: Seconds within which a node that can be asked may appear.
+
+    Attributes:
+        answer: The ``GetTypeDescription`` response, or None.
+        node: The node that has given it, or is being asked.
+    """
+
+    def __init__(self, network: Network, name: str, now: float, patience: float = 0.0) -> None:
+        self._network = network
+        self._name = name
+        self._appears_by = now + patience
+        self._asked: set[str] = set()
+        self._client: ServiceClient | None = None
+        self._number: int | None = None
+        self._until = 0.0
+        self._request: Any = None
+        self.answer: Any = None
+        self.node = ""
+
+    def turn(self, now: float) -> bool:
+        """Go on; return whether the answer has come, or none will come."""
+        from ..interfaces import InterfaceError
+        from ..middleware.base import MiddlewareError
+
         try:
-            answer = _ask(network, f"{node}/get_type_description", name, type_hash)
-        except (ToolError, MiddlewareError):
-            continue
-        if answer.successful and answer.type_description.type_description.type_name == name:
-            return answer
-    return None
+            if self._client is None and not self._ask_next(now):
+                return self.answer is not None or bool(self._asked) or now >= self._appears_by
+            answer = self._poll(now)
+        except (ToolError, MiddlewareError, InterfaceError):
+            self.close()
+            return False
+        if answer is None:
+            return False
+        self.close()
+        described = answer.type_description.type_description.type_name
+        if not answer.successful or described != self._name:
+            return False
+        self.answer = answer
+        return True
+
+    def _ask_next(self, now: float) -> bool:
+        """Create a client of the next node; return whether there is one."""
+        from ..interfaces import load
+
+        if self.answer is not None or len(self._asked) >= _MOST_NODES:
+            return False
+        services = self._network.graph.services()
+        for endpoint in _endpoints(self._network, self._name):
+            node = f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"
+            service = f"{node}/get_type_description"
+            if node in self._asked or service not in services or not _has_hash(endpoint):
+                continue
+            self._asked.add(node)
+            self.node = node
+            kind = load(_SERVICE)
+            self._request = kind.Request(
+                type_name=self._name, type_hash=endpoint.type_hash, include_type_sources=True
+            )
+            self._number, self._until = None, now + _PATIENCE
+            self._client = ServiceClient(self._network, service, kind)
+            return True
+        return False
+
+    def _poll(self, now: float) -> Any:
+        """Return the answer of the node; None if it has not come yet."""
+        client = self._client
+        assert client is not None
+        if self._number is None and client.is_matched():
+            self._number = client.try_request(self._request)
+        if self._number is not None and client.is_answered(self._number):
+            return client.response(self._number)
+        if now >= self._until:
+            raise ToolError(f"{self.node} does not answer")
+        return None
+
+    def close(self) -> None:
+        """Delete the client; idempotent."""
+        if self._client is not None:
+            self._client.close()
+            self._client = None
 
 
 def _endpoints(network: Network, name: str) -> Iterator[EndpointInfo]:
@@ -149,19 +235,6 @@ def _endpoints(network: Network, name: str) -> Iterator[EndpointInfo]:
 
 def _of_type(endpoints: Iterable[EndpointInfo], name: str) -> Iterator[EndpointInfo]:
     return (endpoint for endpoint in endpoints if endpoint.type_name == name)
-
-
-def _ask(network: Network, service: str, name: str, type_hash: str) -> Any:
-    from ..interfaces import load
-
-    kind = load(_SERVICE)
-    client = ServiceClient(network, service, kind)
-    try:
-        client.match(_PATIENCE)
-        request = kind.Request(type_name=name, type_hash=type_hash, include_type_sources=True)
-        return client.answer(client.request(request), _PATIENCE)
-    finally:
-        client.close()
 
 
 def _add(texts: Mapping[str, str]) -> None:

@@ -1,10 +1,12 @@
 """Definitions from the descriptions that nodes give of their types."""
 
 import pytest
+from support.bag_network import HASH, Network
 
-from uros.interfaces import load
+from uros.interfaces import load, registry
 from uros.interfaces.parse import parse_msg
-from uros.tools.type_lookup import _MOST_TYPES, definitions
+from uros.qos import QoSProfile
+from uros.tools.type_lookup import _MOST_TYPES, TypeQuestion, definitions, know_type
 
 PACKAGE = "type_description_interfaces/msg"
 
@@ -100,3 +102,68 @@ def test_descriptions_that_are_refused(told, sentence):
 @pytest.mark.parametrize("name", ["../../msg/X", "x/msg/../X", "x/msg/X/Y", "X/msg/X", "/x/msg/X"])
 def test_names_that_are_paths_are_left_out(name):
     assert list(definitions(answer(part("x/msg/X"), part(name)))) == ["x/msg/X"]
+
+
+# --- the nodes ----------------------------------------------------------------------------------
+
+NAME = "asked_msgs/msg/X"
+NODES = ("a", "b", "c", "d")
+
+
+@pytest.fixture
+def network():
+    """Four nodes that use the type, and can be asked for its definition."""
+    network = Network()
+    network.publish("/x", QoSProfile(), types=[NAME], type_hash=HASH, nodes=NODES)
+    network.describe(*NODES)
+    return network
+
+
+def test_one_node_after_the_other_is_asked_and_three_at_most(network):
+    """They do not match, do not answer in time, and do not know the type."""
+    network.unmatched.add("/a/get_type_description")
+    question = TypeQuestion(network, NAME, 0.0)
+    assert not question.turn(0.0) and question.node == "/a"
+    assert not question.turn(1.9) and not network.clients[0].requests
+    assert not question.turn(2.0) and network.clients[0].closed
+    assert not question.turn(2.0) and network.clients[1].requests
+    assert not question.turn(4.0) and network.clients[1].closed
+    assert not question.turn(4.0)
+    network.answer(network.clients[2], "", successful=False)
+    assert not question.turn(4.1) and network.clients[2].closed
+    assert question.turn(4.1) and question.answer is None
+    assert [client.service[1] for client in network.clients] == ["a", "b", "c"]
+
+
+@pytest.mark.parametrize("wrong", [{"successful": False}, {"name": "asked_msgs/msg/Other"}])
+def test_the_next_node_answers(network, wrong):
+    question = TypeQuestion(network, NAME, 0.0)
+    question.turn(0.0)
+    network.answer(network.clients[0], "", **wrong)
+    question.turn(0.1)
+    question.turn(0.1)
+    network.answer(network.clients[1], "int8 a\n")
+    assert question.turn(0.2) and question.turn(0.3)
+    assert definitions(question.answer) == {NAME: "int8 a\n"} and question.node == "/b"
+
+
+def test_a_node_may_be_discovered_later(network):
+    network.offered_services.clear()
+    question = TypeQuestion(network, NAME, 0.0, 1.0)
+    assert not question.turn(0.9)
+    network.describe("d")
+    assert not question.turn(0.9) and question.node == "/d"
+    question.close()
+    question.close()
+    assert TypeQuestion(Network(), NAME, 0.0, 1.0).turn(1.0)
+
+
+def test_a_type_is_known_after_a_node_has_answered(network, monkeypatch):
+    """Its file is read as any other; the type is forgotten with this test."""
+    monkeypatch.setattr(registry, "_added", {})
+    network.script = [
+        lambda: None, lambda: network.answer(network.clients[0], "int8 LIMIT=3\nint8 a\n"),
+    ]  # fmt: skip
+    know_type(network, NAME)
+    assert registry.exists(NAME) and network.clients[0].closed
+    assert [field.name for field in registry.definition(NAME).parts[0].fields] == ["a"]

@@ -277,6 +277,7 @@ class _Session:
                 if not self._args.no_discovery and now - polled >= pause:
                     polled = now
                     recorder.discover()
+                recorder.look_up(now)
                 if not told and now - self._began >= _MISSING_SECONDS:
                     told = True
                     self._tell_missing()
@@ -346,7 +347,8 @@ def _summary(folder: Path, thread: WriterThread, dropped: int, console: StatusLi
         )
     if dropped:
         console.warn(
-            f"{dropped} messages were dropped, because the disk was too slow for a cache of"
-            " --max-cache-size; a larger one bridges longer pauses"
+            f"{dropped} messages were dropped, because the disk, or a node that was asked for a"
+            " type, was too slow for a cache of --max-cache-size; a larger one bridges longer"
+            " pauses"
         )
     return 0

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 from ... import names
 from ...bag.metadata import TopicMetadata
+from .definition_search import DefinitionSearch
 from .message_cache import MessageCache, Recorded
 from .selection import Selection
 
@@ -86,6 +87,10 @@ class Recorder:
         self._subscriptions: dict[str, _Subscription] = {}
         self._warned: set[str] = set()
         self._looked_at: float | None = None
+        self._search = DefinitionSearch(network)
+        # The topics of each type that nodes are asked for, and the definitions that they gave.
+        self._undefined: dict[str, list[TopicMetadata]] = {}
+        self._definitions: dict[str, str] = {}
         self.paused = False
         self.received = 0
         self.octets = 0
@@ -160,9 +165,12 @@ class Recorder:
             type_name,
             [info.qos for info in publishers],
             announced.pop() if len(announced) == 1 else topic_type_hash(type_name),
-            definition_text(type_name),
+            self._definitions.get(type_name) or definition_text(type_name),
         )
-        self._cache.add_topic(metadata)
+        if self._is_asked_for(metadata, publishers):
+            self._cache.hold(metadata)
+        else:
+            self._cache.add_topic(metadata)
         qos = self._profile(topic, publishers)
         self._subscriptions[topic] = _Subscription(
             metadata,
@@ -172,6 +180,39 @@ class Recorder:
             {info.gid for info in publishers},
         )
         self._console.say(f"Subscribed to topic '{topic}'")
+
+    def _is_asked_for(self, topic: TopicMetadata, publishers: Sequence[EndpointInfo]) -> bool:
+        """Return whether nodes are asked for the definition of a topic's type."""
+        from ..type_lookup import is_asked_for
+
+        name = topic.type_name
+        if topic.definition or name in self._definitions or not is_asked_for(name, publishers):
+            return False
+        if name not in self._undefined:
+            if not self._search.begin(name):
+                return False
+            self._undefined[name] = []
+        self._undefined[name].append(topic)
+        return True
+
+    def look_up(self, now: float) -> None:
+        """Go on asking nodes for definitions; ``now`` in seconds.
+
+        What a topic has meanwhile is held by the cache, and written when the definition has come,
+        or none will come.
+        """
+        for found in self._search.turn(now):
+            self._definitions[found.type_name] = found.text
+            if found.text:
+                self._console.say(f"Definition of {found.type_name} from {found.node}")
+            else:
+                self._console.warn(
+                    f"the bag has no definition of {found.type_name}: {found.fault}; give the"
+                    " folder of its package: --interfaces DIR"
+                )
+            for topic in self._undefined.pop(found.type_name):
+                topic.definition = found.text
+                self._cache.add_topic(topic)
 
     def _profile(self, topic: str, publishers: Sequence[EndpointInfo]) -> QoSProfile:
         """Return a profile that all publishers match."""
@@ -223,6 +264,7 @@ class Recorder:
         return self._selection.missing(self._network.graph.topics())
 
     def close(self) -> None:
-        """End all subscriptions; idempotent."""
+        """End all subscriptions and questions; idempotent."""
+        self._search.close()
         while self._subscriptions:
             self._subscriptions.popitem()[1].end()

@@ -1,6 +1,7 @@
 import threading
 
 from uros.bag.metadata import TopicMetadata
+from uros.tools.bag import message_cache
 from uros.tools.bag.message_cache import MessageCache, Recorded
 
 TOPIC = TopicMetadata("/x", "std_msgs/msg/String")
@@ -100,3 +101,73 @@ def test_a_closed_cache_hands_over_what_waits_and_drops_the_rest():
     cache.add(message(2))
     taken, closed = cache.take(60.0)
     assert times(taken) == [1] and closed and cache.dropped == 1
+
+
+# --- topics whose definition is asked for -------------------------------------------------------
+
+HELD = TopicMetadata("/held", "my_msgs/msg/X")
+
+
+def held(number, octets=0):
+    return Recorded(HELD, bytes(octets), number, number)
+
+
+def test_messages_of_a_topic_are_held_until_the_topic_is_handed_over():
+    cache = MessageCache(MB)
+    cache.add_topic(TOPIC)
+    cache.hold(HELD)
+    for entry in (held(1), message(2), held(3)):
+        cache.add(entry)
+    assert cache.take(0.0)[0] == [TOPIC, message(2)]
+    cache.add_topic(HELD)
+    cache.add(held(4))
+    assert cache.take(0.0)[0] == [HELD, held(1), held(3), held(4)]
+
+
+def test_what_is_held_takes_room_of_the_cache():
+    cache = MessageCache(3000)
+    cache.hold(HELD)
+    cache.add(held(1, 1000))
+    cache.take(0.0)
+    cache.take(0.0)
+    cache.add(message(2, 1000))
+    cache.add(message(3, 1000))
+    cache.add(held(4, 1000))
+    assert cache.dropped == 2
+    assert times(cache.take(0.0)[0]) == [2]
+    cache.add_topic(HELD)
+    assert times(cache.take(0.0)[0]) == [1]
+    cache.take(0.0)
+    for number in (5, 6):
+        cache.add(held(number, 1000))
+    assert cache.dropped == 2 and times(cache.take(0.0)[0]) == [5, 6]
+
+
+def test_without_a_cache_messages_are_held_within_a_limit(monkeypatch):
+    """They do not wait for those before them: that would end the search for the definition."""
+    monkeypatch.setattr(message_cache, "_MOST_HELD", 3000)
+    cache = MessageCache(0)
+    cache.hold(HELD)
+    for number in range(4):
+        cache.add(held(number, 1000))
+    assert cache.dropped == 2
+    cache.close()
+    assert cache.take(0.0) == ([HELD, held(0, 1000), held(1, 1000)], True)
+
+
+def test_a_closed_cache_hands_over_what_was_held():
+    cache = MessageCache(MB)
+    cache.hold(HELD)
+    cache.add(held(1))
+    cache.close()
+    cache.close()
+    assert cache.take(60.0) == ([HELD, held(1)], True)
+
+
+def test_a_snapshot_waits_for_the_topics_of_its_messages():
+    cache = MessageCache(MB, ring=True)
+    cache.hold(HELD)
+    cache.add(held(1))
+    assert cache.snapshot() == 1 and cache.take(0.0)[0] == []
+    cache.add_topic(HELD)
+    assert cache.take(0.0)[0] == [HELD, held(1)]

@@ -1,5 +1,5 @@
 import pytest
-from support.bag_network import STRING, Network
+from support.bag_network import HASH, STRING, Network
 
 from uros.bag.metadata import TopicMetadata
 from uros.interfaces import load
@@ -215,3 +215,84 @@ def test_close_ends_the_subscriptions(network, start):
     recorder.close()
     recorder.close()
     assert network.log[1:] == [("/x", None)]
+
+
+# --- types that no folder has -------------------------------------------------------------------
+
+MINE = ["my_msgs/msg/Unknown"]
+LATE = 1000.0
+
+
+@pytest.fixture
+def described(network):
+    """A network with a node that knows a type that we do not, and publishes it on two topics."""
+    network.describe("talker")
+    for topic in ("/a", "/b"):
+        network.publish(topic, QoSProfile(), types=MINE, type_hash=HASH)
+    return network
+
+
+def test_a_node_is_asked_for_the_definition_of_its_type(described, cache, console, start):
+    """Meanwhile its messages are received; they follow their topic in the bag."""
+    recorder = start()
+    recorder.discover()
+    recorder.look_up(0.0)
+    described.send("/a", at=1)
+    recorder.look_up(0.1)
+    described.send("/b", at=2)
+    assert cache.take(0.0)[0] == []
+    (client,) = described.clients
+    (request,) = client.requests
+    assert (request.type_name, request.type_hash, request.include_type_sources) == (
+        *MINE, HASH, True,
+    )  # fmt: skip
+    described.answer(client, "int8 a\n")
+    recorder.look_up(0.2)
+    assert client.closed
+    entries = cache.take(0.0)[0]
+    assert [(entry.name, entry.definition) for entry in entries[::2]] == [
+        ("/a", "int8 a\n"), ("/b", "int8 a\n"),
+    ]  # fmt: skip
+    assert [message.received_ns for message in entries[1::2]] == [1, 2]
+    assert console.said[-1] == "Definition of my_msgs/msg/Unknown from /talker"
+    described.publish("/c", QoSProfile(), types=MINE, type_hash=HASH)
+    recorder.discover()
+    (topic,) = cache.take(0.0)[0]
+    assert (topic.name, topic.definition) == ("/c", "int8 a\n")
+    recorder.look_up(0.3)
+    assert len(described.clients) == 1
+
+
+def test_a_node_that_never_answers_loses_no_message(described, cache, console, start):
+    recorder = start()
+    recorder.discover()
+    recorder.look_up(0.0)
+    described.send("/a", at=1)
+    recorder.look_up(LATE)
+    recorder.look_up(LATE)
+    topic, message, other = cache.take(0.0)[0]
+    assert (topic.name, topic.definition, message.received_ns) == ("/a", "", 1)
+    assert other.name == "/b"
+    (warning,) = console.warned
+    assert "no definition of my_msgs/msg/Unknown: no node that uses it has given it" in warning
+    assert described.clients[0].closed and cache.dropped == 0
+
+
+def test_close_writes_what_waits_for_a_definition(described, cache, start):
+    recorder = start()
+    recorder.discover()
+    recorder.look_up(0.0)
+    described.send("/a", at=1)
+    recorder.close()
+    cache.close()
+    assert described.clients[0].closed
+    assert [type(entry) for entry in cache.take(0.0)[0]] == [
+        TopicMetadata, Recorded, TopicMetadata,
+    ]  # fmt: skip
+
+
+def test_nobody_is_asked_for_a_type_without_a_hash(network, cache, start):
+    """Nodes before Iron announce none, and cannot be asked."""
+    network.publish("/a", QoSProfile(), types=MINE)
+    start().discover()
+    assert [topic.name for topic in entries(cache, TopicMetadata)] == ["/a"]
