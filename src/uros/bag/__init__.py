@@ -9,7 +9,8 @@
 ``convert``           Writes bags with other settings: merges, splits, compresses them.
 ``definitions``       The definitions of a type and all its nested types as one text.
 ``storage``           The storages by their names, and the contracts of their files.
-``compression``       Compression of chunks: zstd and lz4.
+``compression``       Compression by zstd and lz4.
+``packed``            Files and messages that rosbag2 has compressed itself.
 ``mcap_codec``        The records of MCAP, to and from bytes.
 ``mcap_records``      Records of MCAP files, found within limits.
 ``mcap_index``        What an MCAP file has: schemas, channels, counts, blocks with messages.

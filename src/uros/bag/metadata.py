@@ -198,7 +198,8 @@ def from_mapping(node: object, where: str) -> BagMetadata:
     )
     if version >= 3:
         metadata.compression_format = whole.text("compression_format")
-        metadata.compression_mode = whole.text("compression_mode").lower()
+        mode = whole.text("compression_mode").lower()
+        metadata.compression_mode = "" if mode == "none" else mode
     if version >= 5:
         details = {file.path: file for file in map(_file, whole.mappings("files"))}
         metadata.files = [details.get(file.path, file) for file in metadata.files]

@@ -10,7 +10,8 @@ from typing import Final
 
 from .errors import BagError
 from .metadata import NO_TIME, BagMetadata, FileInformation, TopicMetadata, read_metadata
-from .storage import BagMessage, FileReader, check_storage, storage_of
+from .packed import FORMAT, MESSAGE, PackedFile, PackedMessages, is_packed, why_unreadable
+from .storage import PACKED_SUFFIX, BagMessage, FileReader, check_storage, storage_of
 
 _AHEAD: Final = -1  # the time of a file of which none is known: it is opened at once
 
@@ -40,16 +41,16 @@ class BagReader:
             reader = open_reader(path, self._storage)
             try:
                 self._metadata = reader.metadata
+                if is_packed(reader):
+                    self._metadata.compression_mode = MESSAGE
+                    self._metadata.compression_format = FORMAT
             finally:
                 reader.close()
             self._files = [path]
         else:
             raise BagError(f"{uri}: no such folder or file")
-        if self._metadata.compression_mode:
-            raise BagError(
-                f"{uri}: compressed by {self._metadata.compression_mode}, which uros does not read;"
-                " let 'ros2 bag convert' write it with compressed chunks"
-            )
+        if why := why_unreadable(self._metadata):
+            raise BagError(f"{uri}: {why}")
 
     @property
     def metadata(self) -> BagMetadata:
@@ -74,7 +75,7 @@ class BagReader:
                 missing = {topic.name: topic for topic in self._topics if not topic.definition}
                 if not missing:
                     break
-                reader = open_reader(path, self._storage)
+                reader = self._open(path)
                 try:
                     for topic, _ in reader.metadata.topics:
                         if topic.name in missing:
@@ -118,7 +119,7 @@ class BagReader:
             while waiting or heap:
                 while waiting and (not heap or waiting[-1][0] <= heap[0][0]):
                     _, number = waiting.pop()
-                    opened[number] = open_reader(self._files[number], self._storage)
+                    opened[number] = self._open(self._files[number])
                     rest = opened[number].messages(topics, start_ns, stop_ns)
                     first = next(rest, None)
                     if first is None:
@@ -143,6 +144,12 @@ class BagReader:
             for reader in opened.values():
                 reader.close()
 
+    def _open(self, path: Path) -> FileReader:
+        reader = open_reader(path, self._storage)
+        if self._metadata.compression_mode == MESSAGE:
+            return PackedMessages(path, reader)
+        return reader
+
 
 def _first_time(file: FileInformation) -> int:
     """Return the time before which a file is not needed."""
@@ -155,12 +162,14 @@ def _within(folder: Path, name: str) -> Path:
 
 
 def open_reader(path: str | os.PathLike[str], storage: str) -> FileReader:
-    """Open one file of a bag.
+    """Open one file of a bag, which rosbag2 may have compressed as a whole.
 
     Raises:
         BagError: The file cannot be read, is cut off, or its storage is unknown.
     """
     check_storage(storage)
+    if str(path).lower().endswith(PACKED_SUFFIX):
+        return PackedFile(Path(path), lambda unpacked: open_reader(unpacked, storage))
     if storage == "mcap":
         from .mcap_reader import McapReader
 

@@ -10,8 +10,9 @@ from typing import Final
 
 from .errors import BagError
 from .metadata import NO_TIME, BagMetadata, TopicMetadata, write_metadata
+from .packed import FORMAT, MESSAGE, is_packed
 from .reader import open_reader
-from .storage import SUFFIXES, storage_of
+from .storage import PACKED_SUFFIX, SUFFIXES, storage_of
 
 _NUMBERED: Final = re.compile(r"(.*?)(?:_(\d+))?\.[^.]+")
 
@@ -35,6 +36,8 @@ def reindex(folder: str | os.PathLike[str], storage: str = "") -> BagMetadata:
         reader = open_reader(path, storage_of(path))
         try:
             parts.append(reader.metadata)
+            if is_packed(reader):
+                parts[-1].compression_mode, parts[-1].compression_format = MESSAGE, FORMAT
         finally:
             reader.close()
     metadata = merged(parts)
@@ -46,12 +49,19 @@ def bag_files(folder: str | os.PathLike[str], storage: str = "") -> list[Path]:
     """Return the files of a bag in the order of their numbers.
 
     Raises:
-        BagError: There is none, or there are files of two storages.
+        BagError: There is none, or there are files of two storages or compressed ones.
     """
     path = Path(folder)
     if not path.is_dir():
         raise BagError(f"{folder}: no such folder; give the folder of a bag")
     suffixes = [SUFFIXES[storage]] if storage else list(SUFFIXES.values())
+    packed = sorted(path.glob(f"*{PACKED_SUFFIX}"))
+    if packed:
+        name = packed[0].name
+        raise BagError(
+            f"{folder}: {name} is compressed as a whole; unpack such files first, as by"
+            f" 'zstd -d {name} -o {name.removesuffix(PACKED_SUFFIX)}', and move them away"
+        )
     found = [file for file in path.iterdir() if file.suffix in suffixes and file.is_file()]
     if not found:
         raise BagError(f"{folder}: no file with the suffix {' or '.join(suffixes)} in it")
@@ -74,6 +84,8 @@ def merged(parts: Iterable[BagMetadata]) -> BagMetadata:
             end = max(end, part.end_time_ns)
         whole.custom_data = {**whole.custom_data, **part.custom_data}
         whole.ros_distro = part.ros_distro or whole.ros_distro
+        whole.compression_mode = part.compression_mode or whole.compression_mode
+        whole.compression_format = part.compression_format or whole.compression_format
         for topic, count in part.topics:
             known, before = topics.get(topic.name, (topic, 0))
             if not known.offered_qos:

@@ -12,6 +12,8 @@ from .metadata import BagMetadata, TopicMetadata
 
 SUFFIXES: Final = {"mcap": ".mcap", "sqlite3": ".db3"}
 """The storages, with the suffix of their files."""
+PACKED_SUFFIX: Final = ".zstd"
+"""The suffix behind that of the storage, of files that rosbag2 has compressed as a whole."""
 DEFAULT: Final = "mcap"
 """The storage of a bag for which none was asked."""
 DEFAULT_CHUNK: Final = 768 << 10
@@ -81,12 +83,13 @@ def check_storage(storage: str) -> None:
 
 
 def storage_of(path: str | os.PathLike[str]) -> str:
-    """Return the storage of a file by its suffix, ``.mcap`` or ``.db3``.
+    """Return the storage of a file by its suffix, ``.mcap`` or ``.db3``, perhaps compressed.
 
     Raises:
         BagError: The suffix is another one.
     """
+    name = Path(path).name.lower().removesuffix(PACKED_SUFFIX)
     for storage, suffix in SUFFIXES.items():
-        if Path(path).suffix.lower() == suffix:
+        if name.endswith(suffix):
             return storage
     raise BagError(f"{path}: no file of a bag; expected {' or '.join(SUFFIXES.values())}")
