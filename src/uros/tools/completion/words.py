@@ -13,6 +13,7 @@ from typing import Final
 from ..cli import Group, Verb, commands
 from ..parser import Parser
 from . import names
+from .details import Typed
 
 Candidates = Iterable[tuple[str, str]]
 
@@ -82,7 +83,7 @@ def _of_parser(
                 values.append(rest.pop(0))
                 most -= 1
             if most and not rest and not word.startswith("-"):
-                return names.candidates(action, given, path, word)
+                return names.candidates(action, Typed(given, path, word))
         elif positionals:
             action = positionals[0]
             if isinstance(action, argparse._SubParsersAction):
@@ -93,7 +94,7 @@ def _of_parser(
                 del positionals[0]
     if word.startswith("-") and not without_options:
         return _of_options(options, given, path, word)
-    return names.candidates(positionals[0], given, path, word) if positionals else ()
+    return names.candidates(positionals[0], Typed(given, path, word)) if positionals else ()
 
 
 def _of_options(
@@ -105,7 +106,7 @@ def _of_options(
     name, equals, value = word.partition("=")
     if equals:
         action = options.get(name)
-        found = names.candidates(action, given, path, value) if action else ()
+        found = names.candidates(action, Typed(given, path, value)) if action else ()
         return [(f"{name}={each}", about) for each, about in found]
     return [
         (option, (action.help or "") % {"prog": "uros", **vars(action)})

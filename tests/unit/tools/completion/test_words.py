@@ -32,6 +32,10 @@ def words(line):
         ("board run sprt", ["sprturtlebot", "sprturtlebot_pid"]),
         ("board build . out --board pic", ["pico", "pico_w"]),
         ("completion z", ["zsh"]),
+        # a topic that is not typed yet, no number for a domain, an unknown type
+        ("topic echo --field ", []),
+        ("topic echo --domain x ", []),
+        ("topic echo /x no_msgs/msg/Missing --field ", []),
         # nothing is known: the shell completes files
         ("trace cap", []),
         ("nothing ", []),
@@ -57,8 +61,8 @@ def test_names_of_the_network(monkeypatch):
     """They are those of the domain of the line; the first slash may be left away."""
     asked = []
 
-    def graph(given, query):
-        asked.append(given.get("domain"))
+    def graph(typed, query):
+        asked.append(typed.given.get("domain"))
         return ["/chatter", "/lab/chat"]
 
     monkeypatch.setattr(names, "_graph", graph)
