@@ -1,8 +1,10 @@
 import argparse
+import gc
 import signal
+import sys
 
 import pytest
-from support.bag_network import STRING, Network
+from support.bag_network import STRING, Network, Writer
 
 from uros.bag.metadata import TopicMetadata
 from uros.bag.reader import BagReader
@@ -60,6 +62,23 @@ def test_a_bag_is_played_with_its_qos(run, network, tmp_path, storage):
     assert run(bag) == (0, "Played 5 messages\n", "")
     assert network.written == [("rt/x", sample(number)) for number in range(5)]
     assert network.writers["rt/x"].reliability == ReliabilityPolicy.BEST_EFFORT
+
+
+def test_while_it_plays_the_garbage_collector_passes_over_what_was_there(
+    run, network, tmp_path, monkeypatch
+):
+    during = []
+
+    def write_sample(self, cdr):
+        during.append((gc.get_freeze_count() > 0, sys.getswitchinterval()))
+        return True
+
+    monkeypatch.setattr(Writer, "write", write_sample)
+    gc.unfreeze()
+    before = gc.get_freeze_count(), sys.getswitchinterval()
+    assert run(write(tmp_path / "bag", times=[0]))[0] == 0
+    assert during == [(True, pytest.approx(play._SWITCH_INTERVAL))]
+    assert (gc.get_freeze_count(), sys.getswitchinterval()) == before
 
 
 def test_topics_are_selected_and_renamed(run, network, tmp_path):
