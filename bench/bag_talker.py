@@ -17,6 +17,7 @@ from uros.qos import QoSProfile, ReliabilityPolicy
 TOPIC = "rt/bench"
 TYPE = "std_msgs::msg::dds_::UInt8MultiArray_"
 PADDING = bytes(80)
+MATCH_SECONDS = 60.0
 
 
 def main() -> None:
@@ -26,7 +27,8 @@ def main() -> None:
         reliability = ReliabilityPolicy.BEST_EFFORT
     with Network(domain) as network:
         writer = network.node.create_writer(TOPIC, TYPE, QoSProfile(1000, reliability))
-        network.spin(lambda: writer.matched() > 0)
+        if not network.spin(lambda: writer.matched() > 0, MATCH_SECONDS):
+            raise SystemExit("there is no subscription")
         network.spin(lambda: False, 1.0)
         print("matched", flush=True)
         begin = time.monotonic()
