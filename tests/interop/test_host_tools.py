@@ -4,6 +4,7 @@ with boards on an agent.
 Commands that need rclpy run under the interpreter that has rclpy.
 """
 
+import itertools
 import json
 import math
 import os
@@ -513,15 +514,22 @@ def test_definitions_come_from_the_nodes_that_use_the_types(domain, peer, tmp_pa
     options = {"stdout": subprocess.PIPE, "text": True, "env": environment()}
     with (
         subprocess.Popen(
-            command("bag", "record", "/kept", "-o", tmp_path / "bag"), **options
+            command("bag", "record", "/kept", "-o", tmp_path / "bag"),
+            stderr=subprocess.STDOUT,
+            **options,
         ) as recorder,
         subprocess.Popen(command("topic", "echo", "/described", "--once"), **options) as echo,
     ):
-        peer.do("publish", topic="/described", type=nested._TYPE, cdr=sample)
-        assert "  int16_value: -77\n" in echo.stdout.read()
-        while "Definition of test_msgs/msg/Nested" not in recorder.stdout.readline():
-            assert recorder.poll() is None
-        recorder.send_signal(signal.SIGINT)
+        try:
+            peer.do("publish", topic="/described", type=nested._TYPE, cdr=sample)
+            assert "  int16_value: -77\n" in echo.stdout.read()
+            lines = itertools.takewhile(lambda line: "efinition of" not in line, recorder.stdout)
+            assert "Subscribed to topic '/kept'\n" in list(lines)
+            recorder.send_signal(signal.SIGINT)
+            assert recorder.wait(SECONDS) == 0
+        finally:
+            recorder.kill()
+            echo.kill()
     (topic,) = BagReader(tmp_path / "bag").topics
     assert topic.definition.startswith("BasicTypes basic_types_value\n====")
     assert "MSG: test_msgs/BasicTypes\n" in topic.definition

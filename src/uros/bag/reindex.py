@@ -55,7 +55,7 @@ def bag_files(folder: str | os.PathLike[str], storage: str = "") -> list[Path]:
     if not path.is_dir():
         raise BagError(f"{folder}: no such folder; give the folder of a bag")
     suffixes = [SUFFIXES[storage]] if storage else list(SUFFIXES.values())
-    packed = sorted(path.glob(f"*{PACKED_SUFFIX}"))
+    packed = sorted(file for end in suffixes for file in path.glob(f"*{end}{PACKED_SUFFIX}"))
     if packed:
         name = packed[0].name
         raise BagError(

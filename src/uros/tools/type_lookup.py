@@ -143,17 +143,26 @@ class TypeQuestion:
         network: The domain.
         name: The message.
         now: The time in seconds.
-        patience: Seconds within which a node that can be asked may appear.
+        patience: Seconds for a node to match, and as many for it to answer.
+        appears: Seconds within which a node that can be asked may appear.
 
     Attributes:
         answer: The ``GetTypeDescription`` response, or None.
         node: The node that has given it, or is being asked.
     """
 
-    def __init__(self, network: Network, name: str, now: float, patience: float = 0.0) -> None:
+    def __init__(
+        self,
+        network: Network,
+        name: str,
+        now: float,
+        patience: float = _PATIENCE,
+        appears: float = 0.0,
+    ) -> None:
         self._network = network
         self._name = name
-        self._appears_by = now + patience
+        self._patience = patience
+        self._appears_by = now + appears
         self._asked: set[str] = set()
         self._client: ServiceClient | None = None
         self._number: int | None = None
@@ -201,7 +210,7 @@ class TypeQuestion:
             self._request = kind.Request(
                 type_name=self._name, type_hash=endpoint.type_hash, include_type_sources=True
             )
-            self._number, self._until = None, now + _PATIENCE
+            self._number, self._until = None, now + self._patience
             self._client = ServiceClient(self._network, service, kind)
             return True
         return False
@@ -212,6 +221,7 @@ class TypeQuestion:
         assert client is not None
         if self._number is None and client.is_matched():
             self._number = client.try_request(self._request)
+            self._until = now + self._patience
         if self._number is not None and client.is_answered(self._number):
             return client.response(self._number)
         if now >= self._until:

@@ -149,13 +149,13 @@ def test_the_next_node_answers(network, wrong):
 
 def test_a_node_may_be_discovered_later(network):
     network.offered_services.clear()
-    question = TypeQuestion(network, NAME, 0.0, 1.0)
+    question = TypeQuestion(network, NAME, 0.0, appears=1.0)
     assert not question.turn(0.9)
     network.describe("d")
     assert not question.turn(0.9) and question.node == "/d"
     question.close()
     question.close()
-    assert TypeQuestion(Network(), NAME, 0.0, 1.0).turn(1.0)
+    assert TypeQuestion(Network(), NAME, 0.0, appears=1.0).turn(1.0)
 
 
 def test_a_type_is_known_after_a_node_has_answered(network, monkeypatch):
