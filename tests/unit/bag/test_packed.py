@@ -8,6 +8,7 @@ import pytest
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
+from support.bag_network import Network
 
 from uros.bag import compression, packed
 from uros.bag.errors import BagError
@@ -15,6 +16,7 @@ from uros.bag.metadata import read_metadata, write_metadata
 from uros.bag.reader import BagReader
 from uros.bag.reindex import reindex
 from uros.tools import cli
+from uros.tools.bag import play
 
 START = 1_700_000_000_000_000_000
 COUNT = 20
@@ -69,6 +71,14 @@ def without_zstd(monkeypatch):
         monkeypatch.setitem(sys.modules, module, None)
 
 
+@pytest.fixture
+def network(monkeypatch):
+    """What a bag is played to."""
+    network = Network()
+    monkeypatch.setattr(play, "join", lambda args, node_name: network)
+    return network
+
+
 def only_file(bag):
     (file,) = BagReader(bag).files
     return file
@@ -103,9 +113,9 @@ def test_info_needs_no_package(bag, without_zstd, capsys):
 
 
 @EVERY
-def test_the_error_names_the_extra(bag, without_zstd, capsys):
+def test_the_error_names_the_extra(bag, without_zstd, network, capsys):
     """And nothing is left of a conversion that began."""
-    for command in (["info", "-v", bag], ["convert", bag, bag.parent / "out"]):
+    for command in (["info", "-v", bag], ["convert", bag, bag.parent / "out"], ["play", bag]):
         assert cli.main(["bag", *map(str, command)]) == 1
         err = capsys.readouterr().err
         assert f"{only_file(bag)} is compressed: zstd needs the package zstandard" in err
@@ -119,6 +129,12 @@ def test_a_conversion_unpacks(bag):
     assert content(bag.parent / "out") == EXPECTED
     metadata = BagReader(bag.parent / "out").metadata
     assert (metadata.compression_mode, metadata.compression_format) == ("", "")
+
+
+@EVERY
+def test_a_bag_is_played(bag, network):
+    assert cli.main(["bag", "play", str(bag)]) == 0
+    assert network.written == [("rt/a", cdr) for cdr, _ in EXPECTED]
 
 
 @MESSAGES
