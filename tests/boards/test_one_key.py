@@ -11,7 +11,7 @@ pytestmark = pytest.mark.timeout(120)
 BOARD = "esp32_wifi_publisher"
 
 
-@pytest.mark.parametrize("engine", ["cpython", "micropython"])
+@pytest.mark.parametrize("engine", ["cpython", pytest.param("micropython", marks=pytest.mark.slow)])
 def test_the_second_board_connects_when_the_first_has_left(engine):
     with running_agent("udp", "memory", 0) as agent:
         address = ("127.0.0.1", agent.transport.port)

@@ -64,8 +64,18 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.parametrize("engine", ["cpython", "micropython"])
-@pytest.mark.parametrize("block", BLOCKS)
+@pytest.mark.parametrize(
+    ("block", "engine"),
+    [
+        *[(block, "cpython") for block in BLOCKS],
+        ("loop", "micropython"),
+        *[
+            pytest.param(block, "micropython", marks=pytest.mark.slow)
+            for block in BLOCKS
+            if block != "loop"
+        ],
+    ],
+)
 def test_the_rover_stops_a_second_after_the_last_command_while_the_main_core_hangs(
     tmp_path, engine, block
 ):

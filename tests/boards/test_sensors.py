@@ -41,7 +41,7 @@ def peer(peer):
     return peer
 
 
-@pytest.fixture(params=["cpython", "micropython"])
+@pytest.fixture(params=["cpython", pytest.param("micropython", marks=pytest.mark.slow)])
 def board(request, tmp_path, peer):
     for topic in TYPES:
         forget(peer, topic)

@@ -13,11 +13,18 @@ KEEP_ALL = QoSProfile(history=HistoryPolicy.KEEP_ALL)
 BAD = {"loss": 0.3, "twice": 0.2, "late_ms": 30.0}
 
 
+def seeds(number):
+    """The seeds of a test: those from the eighth on are for make test-full."""
+    return [
+        pytest.param(seed, marks=pytest.mark.slow) if seed >= 8 else seed for seed in range(number)
+    ]
+
+
 def blob(number, size):
     return bytes((number * 31 + i * 7 + (i >> 8)) & 0xFF for i in range(size))
 
 
-@pytest.mark.parametrize("seed", range(25))
+@pytest.mark.parametrize("seed", seeds(25))
 def test_reliable_samples_arrive_complete_and_in_order(seed):
     with Wire(seed, **BAD) as wire:
         talker, listener = wire.node("talker"), wire.node("listener")
@@ -56,7 +63,7 @@ def test_reliable_samples_arrive_complete_and_in_order(seed):
         assert talker.connection.size() == 0
 
 
-@pytest.mark.parametrize("seed", range(25))
+@pytest.mark.parametrize("seed", seeds(25))
 def test_every_call_of_a_service_gets_its_own_reply_once(seed):
     with Wire(seed, **BAD) as wire:
         server, caller = wire.node("server"), wire.node("caller")
@@ -83,7 +90,7 @@ def test_every_call_of_a_service_gets_its_own_reply_once(seed):
         assert answers == [str(i + 1) for i in range(30)]
 
 
-@pytest.mark.parametrize("seed", range(25))
+@pytest.mark.parametrize("seed", seeds(25))
 def test_best_effort_samples_arrive_in_order_and_at_most_once(seed):
     with Wire(seed, **BAD) as wire:
         profile = QoSProfile(depth=100, reliability=2)
@@ -101,7 +108,7 @@ def test_best_effort_samples_arrive_in_order_and_at_most_once(seed):
         assert heard == sorted(set(heard))
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", seeds(20))
 def test_all_entities_are_created_on_a_bad_network_and_after_each_restart(seed):
     """The agent is killed at random instants, also while entities are created."""
     with Wire(seed, **BAD) as wire:
@@ -161,7 +168,7 @@ def test_the_clock_is_right_on_a_bad_network():
             assert abs(off) < 15_000_000, off  # at most half of the longest delay
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", seeds(20))
 def test_late_messages_of_earlier_sessions_block_no_stream(seed):
     """A reset board has the same key and session id. Datagrams of its earlier sessions arrive at
     both ends later, at any time and in any order."""

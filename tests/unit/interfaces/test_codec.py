@@ -69,6 +69,11 @@ SOURCES["Behind"] = (
 )
 SOURCES.update({f"Shuffled{number}": shuffled(number) for number in range(40)})
 CASES = [*samples.messages(), *(f"codec_cases/msg/{name}" for name in SOURCES)]
+# For what takes long, each third type; the others are for make test-full.
+SOME_CASES = [
+    pytest.param(name, marks=pytest.mark.slow) if number % 3 else name
+    for number, name in enumerate(CASES)
+]
 # rosbags does not support wstring; test_wstring has vectors.
 WIDE = ("example_interfaces/msg/WString", "test_msgs/msg/WStrings")
 
@@ -125,7 +130,7 @@ def oracle_equal(a, b):
     return a == b
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", SOME_CASES)
 def test_offsets_and_stale_buffers(name):
     """Alignment counts from ``start``; padding is written, whatever the buffer held before."""
     msg = samples.message(name, random.Random(name))
@@ -145,7 +150,7 @@ def test_offsets_and_stale_buffers(name):
         assert len(buf) == room
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", SOME_CASES)
 def test_truncated(name):
     cls = load(name)
     data = to_cdr(samples.message(name, random.Random(name)))
@@ -168,7 +173,7 @@ def test_random_bytes(name, data, little):
     attempt(load(name), bytes([0, little, 0, 0]) + data)
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", SOME_CASES)
 def test_mutated_bytes(name):
     rng = random.Random(name)
     cls = load(name)
