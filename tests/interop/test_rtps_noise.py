@@ -44,7 +44,15 @@ def test_a_slow_reader_behind_a_link_that_loses():
 
 
 @pytest.mark.parametrize(
-    "kind", ["samples", "requests", "heartbeats", "announcements", "participants"]
+    "kind",
+    [
+        "samples",
+        "announcements",
+        *[
+            pytest.param(kind, marks=pytest.mark.slow)
+            for kind in ("requests", "heartbeats", "participants")
+        ],
+    ],
 )
 def test_a_flood_of_one_participant(kind):
     assert beside("flood", 4, kind)["sent"] > 10_000

@@ -1,4 +1,4 @@
-"""Runs every portable test of tests/unit on MicroPython, from sources and from bytecode.
+"""Runs every portable test of tests/unit on MicroPython, from bytecode and, slow, from sources.
 
 test_build.py runs them in a build with all passes.
 """
@@ -13,8 +13,10 @@ from mpy.harness import ROOT, MicroPython, portable_tests
 @pytest.mark.parametrize(
     ("form", "module", "function"),
     [
-        pytest.param(form, file, function, id=f"{form}-{file.relative_to(ROOT)}::{function}")
-        for form in ("py", "mpy")
+        pytest.param(
+            form, file, function, id=f"{form}-{file.relative_to(ROOT)}::{function}", marks=marks
+        )
+        for form, marks in (("py", pytest.mark.slow), ("mpy", ()))
         for file, function in portable_tests()
     ],
 )

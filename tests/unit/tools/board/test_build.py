@@ -55,7 +55,15 @@ def test_help_is_cheap():
     assert text[0].startswith("usage: uros board build") and heavy == "set()"
 
 
-@pytest.mark.parametrize("name", BOARDS)
+@pytest.mark.parametrize(
+    "name",
+    [
+        name
+        if name in ("esp32_publisher", "sprturtlebot")
+        else pytest.param(name, marks=pytest.mark.slow)
+        for name in BOARDS
+    ],
+)
 def test_a_program_by_the_name_of_its_board(name, tmp_path, capsys):
     out = tmp_path / "deep" / "out"
     assert cli.main(["board", "build", name, str(out)]) == 0
