@@ -34,7 +34,7 @@ GROUPS = ("unit", "contract", "replay", "interop", "boards", "mpy", "soak", "doc
 # Lanes run in parallel, the groups of a lane one after the other. Most groups wait more than they
 # compute, so four lanes keep two cores busy. The output of the first lane is shown at once, that of
 # the others when all have ended.
-LANES = (("unit", "replay"), ("mpy", "contract"), ("interop",), ("boards", "soak", "docs"))
+LANES = (("unit",), ("mpy",), ("interop",), ("boards", "soak", "docs", "contract", "replay"))
 # The largest group has two processes, with whole files each.
 WORKERS = {"unit": ("-n", "2", "--dist", "loadfile")}
 PREPARE = {
