@@ -321,7 +321,8 @@ def ros() -> None:
     say("installing ROS 2 Kilted into .venv-ros: 340 MB, one to three minutes")
     stamp.start({})
     create_venv(python, ROS_VENV)
-    pip(inside, "-c", str(pins), *ROS_PACKAGES, *ROS_AGENT_PACKAGES)
+    # Most of its modules are never imported: compiling all takes as long as unpacking.
+    pip(inside, "--no-compile", "-c", str(pins), *ROS_PACKAGES, *ROS_AGENT_PACKAGES)
     if not succeeds(inside, "-c", "import rclpy, cyclonedds, pytest"):
         raise Unavailable(
             "rclpy, cyclonedds or pytest does not import in .venv-ros",

@@ -29,7 +29,7 @@ def program(folder: Path, name: str, peer: str) -> Path:
     return folder / name
 
 
-@pytest.fixture(params=["cpython", "micropython"])
+@pytest.fixture(params=[pytest.param("cpython", marks=pytest.mark.slow), "micropython"])
 def boards(request, tmp_path, domain):
     """The names of two boards that are configured as peers; each has an agent of its own."""
     names = [f"{request.param}_{side}" for side in ("left", "right")]

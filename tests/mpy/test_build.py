@@ -165,7 +165,15 @@ def test_a_program_does_the_same(
     assert len(expected.splitlines()) == 8
 
 
-@pytest.mark.parametrize("name", [step.name for step in PASSES])
+@pytest.mark.parametrize(
+    "name",
+    [
+        step.name
+        if step.name in ("bundle", "inline-methods")
+        else pytest.param(step.name, marks=pytest.mark.slow)
+        for step in PASSES
+    ],
+)
 def test_the_client_starts_without_a_pass(
     micropython: MicroPython, tmp_path: Path, name: str
 ) -> None:

@@ -29,7 +29,7 @@ def mpremote() -> Iterator[Mpremote]:
         yield run
 
 
-@pytest.mark.parametrize("form", ["py", "mpy"])
+@pytest.mark.parametrize("form", [pytest.param("py", marks=pytest.mark.slow), "mpy"])
 def test_packages_of_an_index(form: str, tmp_path: Path, mpremote: Mpremote) -> None:
     write_index(tmp_path, [form], ["std_msgs/msg/Int32"])
     install = ["mip", "install", "--index", tmp_path, "--target", "/flash/lib"]

@@ -4,6 +4,7 @@
 second: at most 4.6 pictures of 20,000 octets a second, with any protocol.
 """
 
+import pytest
 from support.pictures import picture, shoot
 
 LENGTH = 20_000
@@ -24,6 +25,7 @@ def test_pictures_by_udp(tmp_path, own_domain_id):
     assert shot.heap.peak < HIGH_WATER
 
 
+@pytest.mark.slow
 def test_pictures_by_a_serial_line(tmp_path, own_domain_id):
     """25 pictures arrive as fast as 921,600 baud allow, from a UART with a buffer of 512 octets."""
     shot = shoot("uart", tmp_path, own_domain_id, COUNT, 0, LENGTH)
@@ -37,6 +39,7 @@ def test_pictures_by_a_serial_line(tmp_path, own_domain_id):
     assert shot.heap.peak < HIGH_WATER
 
 
+@pytest.mark.slow
 def test_pictures_by_a_line_of_921600_bits_of_data(tmp_path, own_domain_id):
     """25 pictures arrive at 5 Hz by a line that carries 921,600 data bits a second.
 

@@ -109,7 +109,14 @@ def test_clients_of_one_socket_are_evicted_though_their_sessions_are_active():
 @pytest.mark.parametrize(
     "host", [lambda key: "192.0.2.66", lambda key: f"2001:db8::{key:x}"], ids=["IPv4", "IPv6 /64"]
 )
-@pytest.mark.parametrize("new_address", ["192.0.2.7", "2001:db8:0:1::7", "the same"])
+@pytest.mark.parametrize(
+    "new_address",
+    [
+        "192.0.2.7",
+        pytest.param("2001:db8:0:1::7", marks=pytest.mark.slow),
+        pytest.param("the same", marks=pytest.mark.slow),
+    ],
+)
 def test_silent_clients_of_many_sockets_of_one_address_are_evicted(host, new_address):
     desk = a_desk()
     fill(desk, lambda key: (host(key), key))

@@ -191,6 +191,13 @@ def test_an_object_of_uncertain_type_is_not_checked(tmp_path, body):
 PROGRAMS = sorted(file.parent for file in (CLONE / "firmware").glob("*/main.py"))
 
 
-@pytest.mark.parametrize("program", PROGRAMS, ids=lambda folder: folder.name)
+@pytest.mark.parametrize(
+    "program",
+    [
+        program if number % 5 == 0 else pytest.param(program, marks=pytest.mark.slow)
+        for number, program in enumerate(PROGRAMS)
+    ],
+    ids=lambda folder: folder.name,
+)
 def test_the_firmware_programs_have_no_field_faults(tmp_path, program):
     build(program, tmp_path / "out")

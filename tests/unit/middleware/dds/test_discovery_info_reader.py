@@ -139,6 +139,7 @@ def test_a_sample_of_several_megabytes_is_not_parsed_and_causes_one_notice(
     assert "a participant writes more to ros_discovery_info than is kept" in notice
 
 
+@pytest.mark.slow
 def test_a_flood_empties_the_token_bucket_and_others_are_still_read(ours, peer, own_domain_id):
     """The limit counts octets, not seconds: a burst at first, then no more than the rate allows."""
     honest = OtherParticipant(own_domain_id)

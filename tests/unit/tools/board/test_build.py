@@ -119,7 +119,15 @@ def whole_build(tmp_path_factory):
     return folder, files(root / "out")
 
 
-@pytest.mark.parametrize("name", [build_pass.name for build_pass in PASSES])
+@pytest.mark.parametrize(
+    "name",
+    [
+        step.name
+        if step.name in ("tree-shake", "mangle")
+        else pytest.param(step.name, marks=pytest.mark.slow)
+        for step in PASSES
+    ],
+)
 def test_each_pass_can_be_skipped(name, whole_build, tmp_path, capsys):
     folder, whole = whole_build
     command = ["board", "build", str(folder), str(tmp_path / "out"), "--mpy", "--without", name]
