@@ -1,16 +1,17 @@
 """Signal dispositions of processes that tests start."""
 
 from contextlib import contextmanager
-from signal import SIG_DFL, SIG_IGN, SIGHUP, SIGINT, default_int_handler, signal
+from signal import SIG_DFL, SIG_IGN, SIGHUP, SIGINT, SIGTERM, default_int_handler, signal
 
 
 def default_signals():
-    """A context in which SIGINT and SIGHUP, also of child processes, have the default dispositions.
+    """A context in which SIGINT, SIGHUP and SIGTERM have the default dispositions.
 
-    A test run that was started by nohup, or by ``&`` in a script, ignores these signals, and each
-    child process inherits that.
+    A test run that was started by nohup, or by ``&`` in a script, ignores the first two, and each
+    child process inherits that. Some commands that tests ran in this process leave a handler of
+    SIGTERM, which is for the rest of a process.
     """
-    return _dispositions({SIGINT: default_int_handler, SIGHUP: SIG_DFL})
+    return _dispositions({SIGINT: default_int_handler, SIGHUP: SIG_DFL, SIGTERM: SIG_DFL})
 
 
 def ignored_hangup():

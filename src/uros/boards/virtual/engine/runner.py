@@ -22,7 +22,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import IO, Any, Final, NamedTuple
 
 from ..hardware.board import FaultError
 from ..models.catalog import BOARDS, BoardError, BoardSpec
@@ -189,7 +189,10 @@ class RunningBoard:
             stdin=subprocess.PIPE, stdout=subprocess.PIPE,
             start_new_session=True,  # Ctrl-C reaches this process alone, which ends the board
         )  # fmt: skip
-        self._reader = threading.Thread(target=self._listen, name="board", daemon=True)
+        assert self._process.stdout is not None
+        self._reader = threading.Thread(
+            target=self._listen, args=(self._process.stdout,), name="board", daemon=True
+        )
         self._reader.start()
         try:
             self._until(lambda: self.path != Path(), START_SECONDS, "the board to start")
@@ -349,9 +352,8 @@ class RunningBoard:
         except BrokenPipeError:
             raise BoardGone("the board has ended") from None
 
-    def _listen(self) -> None:
-        assert self._process is not None and self._process.stdout is not None
-        for line in self._process.stdout:
+    def _listen(self, events: IO[bytes]) -> None:
+        for line in events:
             event = json.loads(line)
             kind = event["event"]
             if kind == "console" and self._on_event is None:
