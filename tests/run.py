@@ -35,8 +35,9 @@ GROUPS = ("unit", "contract", "replay", "interop", "boards", "mpy", "soak", "doc
 # compute, so four lanes keep two cores busy. The output of the first lane is shown at once, that of
 # the others when all have ended.
 LANES = (("unit",), ("mpy",), ("interop",), ("boards", "soak", "docs", "contract", "replay"))
-# The largest group has two processes, with whole files each.
-WORKERS = {"unit": ("-n", "2", "--dist", "loadfile")}
+# The longest groups have two processes, with whole files each.
+TWO: tuple[str, ...] = ("-n", "2", "--dist", "loadfile")
+WORKERS = {"unit": TWO, "interop": TWO}
 PREPARE = {
     "interop": (env.micropython, env.ros, env.ddsperf),
     "boards": (env.micropython, env.ros),

@@ -201,7 +201,7 @@ class Inbox:
         self.reader = None
         self.reader = node.create_reader(topic, type_name, qos or QoSProfile(), self.ready)
         if self.calls:  # while it was created: without a take there is no other call
-            self.take(1)
+            self.take(limit or 1)
             self.calls = 0
 
     def ready(self):
