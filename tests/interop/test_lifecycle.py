@@ -8,7 +8,9 @@ pytestmark = pytest.mark.timeout(180)
 INT32 = "std_msgs/msg/Int32"
 
 
-@pytest.fixture(scope="module", params=["cpython", "micropython"])
+@pytest.fixture(
+    scope="module", params=[pytest.param("cpython", marks=pytest.mark.slow), "micropython"]
+)
 def board(request, ros_python, domain, tmp_path_factory):
     folder = tmp_path_factory.mktemp("lifecycle")
     with board_and_peer(ros_python, folder, request.param, domain) as both:

@@ -39,7 +39,9 @@ NEW = {
 }
 
 
-@pytest.fixture(scope="module", params=["cpython", "micropython"])
+@pytest.fixture(
+    scope="module", params=[pytest.param("cpython", marks=pytest.mark.slow), "micropython"]
+)
 def board(request, ros_python, domain, tmp_path_factory):
     folder = tmp_path_factory.mktemp("parameters")
     with board_and_peer(ros_python, folder, request.param, domain) as (name, peer):

@@ -21,7 +21,9 @@ STORE = get_typestore(Stores.ROS2_JAZZY)
 STATIC = QoSProfile(100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-@pytest.fixture(scope="module", params=["cpython", "micropython"])
+@pytest.fixture(
+    scope="module", params=[pytest.param("cpython", marks=pytest.mark.slow), "micropython"]
+)
 def board(request, ros_python, domain, tmp_path_factory):
     folder = tmp_path_factory.mktemp("rosout")
     with board_and_peer(ros_python, folder, request.param, domain) as both:

@@ -16,6 +16,7 @@ LEAKY = Path(__file__).with_name("leaky_agent.py")
 TOLERANCE = 8.0
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(400)
 def test_boards_that_come_and_go_leak_nothing(domain_id: int) -> None:
     result = Soak(120, 100, 1, domain_id, TOLERANCE, quiet=True).run()

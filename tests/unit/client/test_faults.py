@@ -106,7 +106,9 @@ def run_with_restart(alive, restart_ms):
 
 
 # Each parameter covers every fourth of about three hundred instants.
-@pytest.mark.parametrize("first", [1, 2, 3, 4])
+@pytest.mark.parametrize(
+    "first", [1, *[pytest.param(first, marks=pytest.mark.slow) for first in (2, 3, 4)]]
+)
 @pytest.mark.parametrize("restart_ms", [1, 3000])
 def test_an_agent_that_dies_after_any_datagram_is_replaced(first, restart_ms):
     alive = first

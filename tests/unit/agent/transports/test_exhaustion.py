@@ -316,7 +316,7 @@ def test_a_reader_that_keeps_all_and_never_reads_holds_a_part_of_the_memory(
         assert "samples dropped" in agent.agent_process.text
 
 
-@pytest.mark.parametrize("kind", ["udp", "tcp"])
+@pytest.mark.parametrize("kind", ["udp", pytest.param("tcp", marks=pytest.mark.slow)])
 def test_all_sessions_from_one_socket(kind):
     """4,096 sessions with an object each must not keep boards out, as they did for five minutes."""
     with attacked("-m", "memory") as agent:
