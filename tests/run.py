@@ -31,10 +31,10 @@ sys.path.insert(0, str(ROOT / "scripts"))
 import env  # noqa: E402  (scripts/env.py, found by the line above)
 
 GROUPS = ("unit", "contract", "replay", "interop", "boards", "mpy", "soak", "docs")
-# Lanes run in parallel, the groups of a lane one after the other. Most groups wait more than they
-# compute, so four lanes keep two cores busy. The output of the first lane is shown at once, that of
-# the others when all have ended.
-LANES = (("unit",), ("mpy",), ("interop",), ("boards", "soak", "docs", "contract", "replay"))
+# So many groups run at a time, the longest ones first. Most wait more than they compute, so four
+# keep two cores busy. The output of the first is shown at once, that of the others at the end.
+PARALLEL = 4
+LONGEST_FIRST = ("unit", "interop", "mpy", "boards", "contract", "replay", "docs", "soak")
 # The longest groups have two processes, with whole files each.
 TWO: tuple[str, ...] = ("-n", "2", "--dist", "loadfile")
 WORKERS = {"unit": TWO, "interop": TWO}
@@ -44,7 +44,7 @@ PREPARE = {
     "mpy": (env.micropython,),
     "docs": (env.micropython,),
 }
-PREPARING = threading.Lock()  # groups of several lanes need the same environment
+PREPARING = threading.Lock()  # several groups need the same environment
 NEED_ROS = ("interop", "boards")
 # Their agents and host nodes run on the middleware that --middleware chooses.
 ON_MIDDLEWARE = ("replay", "interop", "boards")
@@ -192,26 +192,24 @@ def main() -> int:
     started = time.monotonic()
     in_ci = os.environ.get("CI", "").lower() not in ("", "0", "false")
 
-    lanes = [[group for group in lane if group in chosen] for lane in LANES]
-    lanes = [lane for lane in lanes if lane]
+    waiting = [group for group in LONGEST_FIRST if group in chosen]
     by_group: dict[str, Result] = {}
 
-    def run_lane(lane: list[str], output: TextIO | None) -> None:
-        for group in lane:
-            by_group[group] = run_group(group, options.full, output)
-            if output:
-                print(f"\n--- {by_group[group].line()}", flush=True)
+    def run_one(group: str, output: TextIO | None) -> None:
+        by_group[group] = run_group(group, options.full, output)
+        if output:
+            print(f"\n--- {by_group[group].line()}", flush=True)
 
     if "docs" in chosen:
         with suppress(env.Unavailable):  # tests/docs/test_site.py reports it
-            env.docs()  # before the lanes: pip must not change .venv while tests run
+            env.docs()  # before the groups: pip must not change .venv while tests run
 
     with ExitStack() as stack:
         outputs = [
-            stack.enter_context(tempfile.TemporaryFile("w+", encoding="utf-8")) for _ in lanes[1:]
+            stack.enter_context(tempfile.TemporaryFile("w+", encoding="utf-8")) for _ in waiting[1:]
         ]
-        with ThreadPoolExecutor() as pool:
-            list(pool.map(run_lane, lanes, [None, *outputs]))
+        with ThreadPoolExecutor(PARALLEL) as pool:
+            list(pool.map(run_one, waiting, [None, *outputs]))
         for output in outputs:
             output.seek(0)
             print(output.read())
