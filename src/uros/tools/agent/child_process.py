@@ -47,7 +47,9 @@ class AgentProcess:
     @property
     def ended(self) -> bool:
         """Whether the process has ended."""
-        return self._process.poll() is not None
+        # Not by Popen.poll(): a signal handler that raises in it, as those of `end_on_signals` do,
+        # can leave the lock of Popen taken, and close() would wait for ever.
+        return not self._reader.is_alive()
 
     def close(self) -> None:
         """End the process and wait for the rest of its log. Idempotent."""
