@@ -2,6 +2,7 @@
 
 import pytest
 from support.agent import running_agent
+from support.variants import slow_except
 from support.waiting import eventually
 
 from uros.boards.virtual.engine.runner import RunningBoard
@@ -11,7 +12,7 @@ pytestmark = pytest.mark.timeout(120)
 BOARD = "esp32_wifi_publisher"
 
 
-@pytest.mark.parametrize("engine", ["cpython", pytest.param("micropython", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("engine", slow_except(["cpython", "micropython"], "cpython"))
 def test_the_second_board_connects_when_the_first_has_left(engine):
     with running_agent("udp", "memory", 0) as agent:
         address = ("127.0.0.1", agent.transport.port)

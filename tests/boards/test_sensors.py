@@ -5,6 +5,7 @@ import math
 import pytest
 from support.agent import running_agent
 from support.middleware import MIDDLEWARE
+from support.variants import slow_except
 
 from uros.boards.virtual.engine.runner import RunningBoard
 from uros.boards.virtual.world.outdoors import Outdoors
@@ -41,7 +42,7 @@ def peer(peer):
     return peer
 
 
-@pytest.fixture(params=["cpython", pytest.param("micropython", marks=pytest.mark.slow)])
+@pytest.fixture(params=slow_except(["cpython", "micropython"], "cpython"))
 def board(request, tmp_path, peer):
     for topic in TYPES:
         forget(peer, topic)

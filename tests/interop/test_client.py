@@ -8,6 +8,7 @@ import pytest
 from conftest import ROOT
 from support.agent import running_agent
 from support.middleware import MIDDLEWARE
+from support.variants import slow_except
 
 from uros.boards.virtual.engine.runner import RunningBoard
 from uros.interfaces import load as load_type
@@ -29,7 +30,7 @@ def program(folder: Path, name: str, peer: str) -> Path:
     return folder / name
 
 
-@pytest.fixture(params=[pytest.param("cpython", marks=pytest.mark.slow), "micropython"])
+@pytest.fixture(params=slow_except(["cpython", "micropython"], "micropython"))
 def boards(request, tmp_path, domain):
     """The names of two boards that are configured as peers; each has an agent of its own."""
     names = [f"{request.param}_{side}" for side in ("left", "right")]

@@ -2,15 +2,14 @@
 
 import pytest
 from support.services_board import board_and_peer
+from support.variants import slow_except
 
 pytestmark = pytest.mark.timeout(180)
 
 INT32 = "std_msgs/msg/Int32"
 
 
-@pytest.fixture(
-    scope="module", params=[pytest.param("cpython", marks=pytest.mark.slow), "micropython"]
-)
+@pytest.fixture(scope="module", params=slow_except(["cpython", "micropython"], "micropython"))
 def board(request, ros_python, domain, tmp_path_factory):
     folder = tmp_path_factory.mktemp("lifecycle")
     with board_and_peer(ros_python, folder, request.param, domain) as both:

@@ -2,6 +2,7 @@
 
 import pytest
 from support.services_board import board_and_peer
+from support.variants import slow_except
 
 pytestmark = pytest.mark.timeout(180)
 
@@ -39,9 +40,7 @@ NEW = {
 }
 
 
-@pytest.fixture(
-    scope="module", params=[pytest.param("cpython", marks=pytest.mark.slow), "micropython"]
-)
+@pytest.fixture(scope="module", params=slow_except(["cpython", "micropython"], "micropython"))
 def board(request, ros_python, domain, tmp_path_factory):
     folder = tmp_path_factory.mktemp("parameters")
     with board_and_peer(ros_python, folder, request.param, domain) as (name, peer):

@@ -7,6 +7,7 @@ tf2_ros, and deserialized by rosbags.
 import pytest
 from rosbags.typesys import Stores, get_typestore
 from support.services_board import board_and_peer
+from support.variants import slow_except
 
 from uros.host.network import Network
 from uros.interfaces import load
@@ -21,9 +22,7 @@ STORE = get_typestore(Stores.ROS2_JAZZY)
 STATIC = QoSProfile(100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-@pytest.fixture(
-    scope="module", params=[pytest.param("cpython", marks=pytest.mark.slow), "micropython"]
-)
+@pytest.fixture(scope="module", params=slow_except(["cpython", "micropython"], "micropython"))
 def board(request, ros_python, domain, tmp_path_factory):
     folder = tmp_path_factory.mktemp("rosout")
     with board_and_peer(ros_python, folder, request.param, domain) as both:

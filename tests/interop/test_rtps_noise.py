@@ -8,6 +8,7 @@ import json
 
 import pytest
 from support.networks import run_isolated
+from support.variants import slow_except
 
 pytestmark = pytest.mark.timeout(180)
 
@@ -45,14 +46,11 @@ def test_a_slow_reader_behind_a_link_that_loses():
 
 @pytest.mark.parametrize(
     "kind",
-    [
+    slow_except(
+        ["samples", "requests", "heartbeats", "announcements", "participants"],
         "samples",
         "announcements",
-        *[
-            pytest.param(kind, marks=pytest.mark.slow)
-            for kind in ("requests", "heartbeats", "participants")
-        ],
-    ],
+    ),  # fmt: skip
 )
 def test_a_flood_of_one_participant(kind):
     assert beside("flood", 4, kind)["sent"] > 10_000

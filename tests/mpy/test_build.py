@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from mpy.harness import MicroPython, portable_sources, portable_tests, shared_sources, tree
 from mpy.measures import CORE
+from support.variants import slow_except
 
 from uros.boards.builder.file_system import build
 from uros.boards.builder.pipeline import PASSES
@@ -166,13 +167,7 @@ def test_a_program_does_the_same(
 
 
 @pytest.mark.parametrize(
-    "name",
-    [
-        step.name
-        if step.name in ("bundle", "inline-methods")
-        else pytest.param(step.name, marks=pytest.mark.slow)
-        for step in PASSES
-    ],
+    "name", slow_except([step.name for step in PASSES], "bundle", "inline-methods")
 )
 def test_the_client_starts_without_a_pass(
     micropython: MicroPython, tmp_path: Path, name: str

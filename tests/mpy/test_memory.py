@@ -15,6 +15,7 @@ from mpy.measures import (
     twist_ratio,
 )
 from support.agent import running_agent
+from support.variants import slow_except
 
 from uros.boards.virtual.engine.runner import RunningBoard
 
@@ -170,7 +171,7 @@ def test_publishing_costs_little_more_than_encoding(micropython: MicroPython) ->
     assert ratio <= 3.5
 
 
-@pytest.mark.parametrize("length", [20_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("length", slow_except([20_000, 1_000_000], 20_000))
 def test_an_image_longer_than_memory(micropython: MicroPython, length: int) -> None:
     """An image of 20 kB or 1 MB is sent while it is read, with a high water below 100 kB."""
     running(micropython)

@@ -6,6 +6,7 @@ portable_faults.py has a scripted agent on both Pythons, test_wire.py a line tha
 import heapq
 
 import pytest
+from support.variants import slow_except
 from support.wire import Wire
 from uros.interfaces.sensor_msgs.msg import Imu, Temperature
 from uros.interfaces.std_msgs.msg import Int32, String, UInt8MultiArray
@@ -106,9 +107,7 @@ def run_with_restart(alive, restart_ms):
 
 
 # Each parameter covers every fourth of about three hundred instants.
-@pytest.mark.parametrize(
-    "first", [1, *[pytest.param(first, marks=pytest.mark.slow) for first in (2, 3, 4)]]
-)
+@pytest.mark.parametrize("first", slow_except([1, 2, 3, 4], 1))
 @pytest.mark.parametrize("restart_ms", [1, 3000])
 def test_an_agent_that_dies_after_any_datagram_is_replaced(first, restart_ms):
     alive = first

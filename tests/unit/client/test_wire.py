@@ -1,6 +1,7 @@
 """The client and the agent over a network that loses, repeats and reorders datagrams."""
 
 import pytest
+from support.variants import slow_except
 from support.wire import Wire
 from uros.interfaces.std_msgs.msg import Int32, UInt8MultiArray
 from uros.interfaces.std_srvs.srv import Trigger
@@ -10,21 +11,15 @@ from uros.qos import HistoryPolicy, QoSProfile
 from uros.wire import ids
 
 KEEP_ALL = QoSProfile(history=HistoryPolicy.KEEP_ALL)
+SEEDS_20, SEEDS_25 = (slow_except(range(number), *range(8)) for number in (20, 25))
 BAD = {"loss": 0.3, "twice": 0.2, "late_ms": 30.0}
-
-
-def seeds(number):
-    """The seeds of a test: those from the eighth on are for make test-full."""
-    return [
-        pytest.param(seed, marks=pytest.mark.slow) if seed >= 8 else seed for seed in range(number)
-    ]
 
 
 def blob(number, size):
     return bytes((number * 31 + i * 7 + (i >> 8)) & 0xFF for i in range(size))
 
 
-@pytest.mark.parametrize("seed", seeds(25))
+@pytest.mark.parametrize("seed", SEEDS_25)
 def test_reliable_samples_arrive_complete_and_in_order(seed):
     with Wire(seed, **BAD) as wire:
         talker, listener = wire.node("talker"), wire.node("listener")
@@ -63,7 +58,7 @@ def test_reliable_samples_arrive_complete_and_in_order(seed):
         assert talker.connection.size() == 0
 
 
-@pytest.mark.parametrize("seed", seeds(25))
+@pytest.mark.parametrize("seed", SEEDS_25)
 def test_every_call_of_a_service_gets_its_own_reply_once(seed):
     with Wire(seed, **BAD) as wire:
         server, caller = wire.node("server"), wire.node("caller")
@@ -90,7 +85,7 @@ def test_every_call_of_a_service_gets_its_own_reply_once(seed):
         assert answers == [str(i + 1) for i in range(30)]
 
 
-@pytest.mark.parametrize("seed", seeds(25))
+@pytest.mark.parametrize("seed", SEEDS_25)
 def test_best_effort_samples_arrive_in_order_and_at_most_once(seed):
     with Wire(seed, **BAD) as wire:
         profile = QoSProfile(depth=100, reliability=2)
@@ -108,7 +103,7 @@ def test_best_effort_samples_arrive_in_order_and_at_most_once(seed):
         assert heard == sorted(set(heard))
 
 
-@pytest.mark.parametrize("seed", seeds(20))
+@pytest.mark.parametrize("seed", SEEDS_20)
 def test_all_entities_are_created_on_a_bad_network_and_after_each_restart(seed):
     """The agent is killed at random instants, also while entities are created."""
     with Wire(seed, **BAD) as wire:
@@ -168,7 +163,7 @@ def test_the_clock_is_right_on_a_bad_network():
             assert abs(off) < 15_000_000, off  # at most half of the longest delay
 
 
-@pytest.mark.parametrize("seed", seeds(20))
+@pytest.mark.parametrize("seed", SEEDS_20)
 def test_late_messages_of_earlier_sessions_block_no_stream(seed):
     """A reset board has the same key and session id. Datagrams of its earlier sessions arrive at
     both ends later, at any time and in any order."""

@@ -9,6 +9,7 @@ import random
 
 import pytest
 from support.driving import Car, answers, calibrate, gains, square, tune, use
+from support.variants import slow_except
 
 from uros.boards.virtual.world.arena import Arena
 
@@ -81,9 +82,7 @@ def test_a_square_of_a_metre(seed: int) -> None:
     assert abs(abs(math.degrees(car.rover.theta)) - 360) < 4
 
 
-@pytest.mark.parametrize(
-    "seed", [0, 1, *[pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3)]]
-)
+@pytest.mark.parametrize("seed", slow_except(range(4), 0, 1))
 def test_a_square_of_a_metre_after_calibration(seed: int) -> None:
     source = random.Random(seed)
 

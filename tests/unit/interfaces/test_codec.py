@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import get_types_from_msg
 from support.examples import examples
+from support.variants import slow_except
 from unit.interfaces import samples
 from unit.interfaces.vectors import VECTORS, build
 
@@ -70,10 +71,7 @@ SOURCES["Behind"] = (
 SOURCES.update({f"Shuffled{number}": shuffled(number) for number in range(40)})
 CASES = [*samples.messages(), *(f"codec_cases/msg/{name}" for name in SOURCES)]
 # For what takes long, each third type; the others are for make test-full.
-SOME_CASES = [
-    pytest.param(name, marks=pytest.mark.slow) if number % 3 else name
-    for number, name in enumerate(CASES)
-]
+SOME_CASES = slow_except(CASES, *CASES[::3])
 # rosbags does not support wstring; test_wstring has vectors.
 WIDE = ("example_interfaces/msg/WString", "test_msgs/msg/WStrings")
 

@@ -5,6 +5,7 @@ import time
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.variants import slow_except
 from unit.agent.helpers import (
     OK,
     RESOURCES,
@@ -110,12 +111,7 @@ def test_clients_of_one_socket_are_evicted_though_their_sessions_are_active():
     "host", [lambda key: "192.0.2.66", lambda key: f"2001:db8::{key:x}"], ids=["IPv4", "IPv6 /64"]
 )
 @pytest.mark.parametrize(
-    "new_address",
-    [
-        "192.0.2.7",
-        pytest.param("2001:db8:0:1::7", marks=pytest.mark.slow),
-        pytest.param("the same", marks=pytest.mark.slow),
-    ],
+    "new_address", slow_except(["192.0.2.7", "2001:db8:0:1::7", "the same"], "192.0.2.7")
 )
 def test_silent_clients_of_many_sockets_of_one_address_are_evicted(host, new_address):
     desk = a_desk()

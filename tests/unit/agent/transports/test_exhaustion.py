@@ -16,6 +16,7 @@ import psutil
 import pytest
 from support.client import XrceClient
 from support.lines import SECONDS, TcpLine, UdpLine
+from support.variants import slow_except
 from unit.agent.helpers import (
     acknack,
     create,
@@ -316,7 +317,7 @@ def test_a_reader_that_keeps_all_and_never_reads_holds_a_part_of_the_memory(
         assert "samples dropped" in agent.agent_process.text
 
 
-@pytest.mark.parametrize("kind", ["udp", pytest.param("tcp", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("kind", slow_except(["udp", "tcp"], "udp"))
 def test_all_sessions_from_one_socket(kind):
     """4,096 sessions with an object each must not keep boards out, as they did for five minutes."""
     with attacked("-m", "memory") as agent:

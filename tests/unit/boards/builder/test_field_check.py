@@ -2,6 +2,7 @@
 
 import pytest
 from support.paths import ROOT
+from support.variants import slow_except
 
 from uros.boards.builder.errors import FieldError
 from uros.boards.builder.file_system import build
@@ -192,12 +193,7 @@ PROGRAMS = sorted(file.parent for file in (CLONE / "firmware").glob("*/main.py")
 
 
 @pytest.mark.parametrize(
-    "program",
-    [
-        program if number % 5 == 0 else pytest.param(program, marks=pytest.mark.slow)
-        for number, program in enumerate(PROGRAMS)
-    ],
-    ids=lambda folder: folder.name,
+    "program", slow_except(PROGRAMS, *PROGRAMS[::5]), ids=lambda folder: folder.name
 )
 def test_the_firmware_programs_have_no_field_faults(tmp_path, program):
     build(program, tmp_path / "out")

@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import pytest
+from support.variants import slow_except
 
 from uros.boards.builder.file_system import build
 from uros.boards.builder.pipeline import PASSES
@@ -55,15 +56,7 @@ def test_help_is_cheap():
     assert text[0].startswith("usage: uros board build") and heavy == "set()"
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        name
-        if name in ("esp32_publisher", "sprturtlebot")
-        else pytest.param(name, marks=pytest.mark.slow)
-        for name in BOARDS
-    ],
-)
+@pytest.mark.parametrize("name", slow_except(BOARDS, "esp32_publisher", "sprturtlebot"))
 def test_a_program_by_the_name_of_its_board(name, tmp_path, capsys):
     out = tmp_path / "deep" / "out"
     assert cli.main(["board", "build", name, str(out)]) == 0
@@ -120,13 +113,7 @@ def whole_build(tmp_path_factory):
 
 
 @pytest.mark.parametrize(
-    "name",
-    [
-        step.name
-        if step.name in ("tree-shake", "mangle")
-        else pytest.param(step.name, marks=pytest.mark.slow)
-        for step in PASSES
-    ],
+    "name", slow_except([step.name for step in PASSES], "tree-shake", "mangle")
 )
 def test_each_pass_can_be_skipped(name, whole_build, tmp_path, capsys):
     folder, whole = whole_build

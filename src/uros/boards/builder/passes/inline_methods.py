@@ -59,7 +59,7 @@ def _inline_one(tree: ast.Module, fixed: set[str]) -> bool:
     for owner in tree.body:
         if not isinstance(owner, ast.ClassDef):
             continue
-        callers: dict[str, ast.FunctionDef] = {}  # the last method that uses each attribute
+        callers: dict[str, ast.FunctionDef] = {}  # of an attribute used once: its user
         for caller in owner.body:
             if isinstance(caller, ast.FunctionDef):
                 names = (node.attr for node in walk(caller) if isinstance(node, ast.Attribute))
