@@ -321,7 +321,7 @@ def ros() -> None:
     say("installing ROS 2 Kilted into .venv-ros: 340 MB, one to three minutes")
     stamp.start({})
     create_venv(python, ROS_VENV)
-    # Most of its modules are never imported: compiling all takes as long as unpacking.
+    # Most of its modules are never imported; the others are compiled when they are.
     pip(inside, "--no-compile", "-c", str(pins), *ROS_PACKAGES, *ROS_AGENT_PACKAGES)
     if not succeeds(inside, "-c", "import rclpy, cyclonedds, pytest"):
         raise Unavailable(

@@ -334,7 +334,7 @@ def _refused(snapshot: Snapshot, width: int) -> list[str]:
 
 def _no_boards(snapshot: Snapshot, width: int) -> list[str]:
     """Return lines about what boards need to connect, and about serial lines with noise alone."""
-    from ..doctor.agents import NOISE
+    from ..doctor.agents import has_noise_alone
 
     serial = [each for each in snapshot["transports"] if "crc_errors" in each]
     if len(serial) < len(snapshot["transports"]):
@@ -342,7 +342,7 @@ def _no_boards(snapshot: Snapshot, width: int) -> list[str]:
     else:
         lines = ["No boards. Their firmware must send at the baud rate of this agent."]
     for each in serial:
-        if not each.get("frames") and each.get("skipped", 0) >= NOISE:
+        if has_noise_alone(each):
             device = plain(each["label"])
             lines += _wrapped(
                 f"{device} has bytes and no frame: another baud rate, or firmware without"
@@ -353,14 +353,15 @@ def _no_boards(snapshot: Snapshot, width: int) -> list[str]:
 
 def _without_tls(snapshot: Snapshot, width: int) -> list[str]:
     """Return lines about connections that TLS refused: such boards have no client key yet."""
+    from ..doctor.agents import tls_refusals
+
     lines = []
-    for refusal in snapshot.get("refusals", ()):
-        if refusal["rule"] == "tls" and "why" in refusal:  # not of an agent of an earlier version
-            times = refusal["times"]
-            lines += ["", *_wrapped(
-                f"TLS refused {times} connection{'s' * (times != 1)}, the latest from"
-                f" {plain(refusal['address'])}: {plain(refusal['why'])}", width, "",
-            )]  # fmt: skip
+    for refusal in tls_refusals(snapshot):
+        times = refusal["times"]
+        lines += ["", *_wrapped(
+            f"TLS refused {times} connection{'s' * (times != 1)}, the latest from"
+            f" {plain(refusal['address'])}: {plain(refusal['why'])}", width, "",
+        )]  # fmt: skip
     return lines
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import socket
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any, Final
 
 from . import process
@@ -12,7 +12,7 @@ from .finding import Finding, note, ok, problem, unknown, word
 # An offset of a board's clock that disturbs sensor fusion, in seconds.
 CLOCK_LIMIT: Final = 0.1
 # Faults of a line: bytes without a frame; broken frames, how many at least and one in how many.
-NOISE: Final = 16
+_NOISE: Final = 16
 _FEW: Final = 5
 _BROKEN: Final = 20
 # How many ports are tried to suggest a free one.
@@ -233,9 +233,9 @@ def check_lines(snapshots: Sequence[Snapshot]) -> list[Finding]:
         for line in snapshot.get("transports", []):
             if "crc_errors" not in line:
                 continue
-            frames = line.get("frames", line.get("messages", 0))
+            frames = _frames(line)
             name, broken, skipped = line.get("label"), line["crc_errors"], line.get("skipped", 0)
-            if not frames and skipped >= NOISE:
+            if has_noise_alone(line):
                 findings.append(
                     problem(
                         "line",
@@ -283,13 +283,29 @@ def check_refused(snapshots: Sequence[Snapshot]) -> list[Finding]:
     ]
 
 
+def _frames(line: Mapping[str, Any]) -> int:
+    """Return the frames of a line, or the messages, which an earlier version counts."""
+    frames: int = line.get("frames", line.get("messages", 0))
+    return frames
+
+
+def has_noise_alone(line: Mapping[str, Any]) -> bool:
+    """Return whether bytes have come over a serial line of a snapshot, and no frame."""
+    return "crc_errors" in line and not _frames(line) and line.get("skipped", 0) >= _NOISE
+
+
+def tls_refusals(snapshot: Snapshot) -> Iterator[dict[str, Any]]:
+    """Yield the refusals of TLS, except of an agent of an earlier version, which has no reasons."""
+    for refusal in snapshot.get("refusals", ()):
+        if refusal.get("rule") == "tls" and "why" in refusal:
+            yield refusal
+
+
 def check_tls(snapshots: Sequence[Snapshot]) -> list[Finding]:
     """Report the latest connection that TLS refused: a note, for it may be a stranger's."""
     findings = []
     for snapshot in snapshots:
-        for refusal in snapshot.get("refusals", []):
-            if refusal.get("rule") != "tls" or "why" not in refusal:
-                continue
+        for refusal in tls_refusals(snapshot):
             times = refusal["times"]
             why, _, remedy = refusal["why"].partition(": ")
             findings.append(
