@@ -39,6 +39,16 @@ def feedback(order):
     return [fibonacci(n) for n in range(2, order + 1)]
 
 
+def is_run(received, sent):
+    """Whether ``received`` is one run of ``sent``, without a gap; possibly empty.
+
+    The first feedback is lost if the client has not discovered its writer yet, and the last if the
+    result comes before it: they have no order, and rclpy drops the feedback of an ended goal.
+    """
+    last = len(sent) - len(received)
+    return any(sent[at : at + len(received)] == received for at in range(last + 1))
+
+
 @pytest.fixture(scope="module")
 def peer(ros_python, domain):
     script = Path(__file__).with_name("action_peer.py")
@@ -106,9 +116,7 @@ def test_a_real_client_uses_a_boards_action(board, peer):
     }  # fmt: skip
     goals = peer.do("send", name=board.action, goals=orders, seconds=30)["goals"]
     short = goals["short"]
-    # Feedback from before the client has discovered the feedback writer is lost, possibly all.
-    steps = feedback(5)
-    assert short["accepted"] and short["feedback"] == steps[len(steps) - len(short["feedback"]) :]
+    assert short["accepted"] and is_run(short["feedback"], feedback(5))
     assert short["end"] == [SUCCEEDED, fibonacci(5)]
     assert goals["refused"] == {"accepted": False, "feedback": [], "end": None}
     assert goals["aborted"]["end"] == [ABORTED, fibonacci(ABORTING)]
@@ -116,7 +124,7 @@ def test_a_real_client_uses_a_boards_action(board, peer):
     assert canceled["cancel"] == [0, 1] and canceled["end"][0] == CANCELED
     assert 4 <= len(canceled["end"][1]) < 40
     received = canceled["feedback"]
-    assert received and received == feedback(len(canceled["end"][1]) - 1)[-len(received) :]
+    assert received and is_run(received, feedback(len(canceled["end"][1]) - 1))
     stubborn = goals["stubborn"]
     assert stubborn["cancel"] == [1, 0] and stubborn["end"] == [SUCCEEDED, fibonacci(STUBBORN)]
     assert goals["failing"]["end"] == [ABORTED, []]
