@@ -49,6 +49,8 @@ for name in ("ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "RMW_IMPLEMENTATION", "RO
 # The folder of the agents' sockets for `uros agent status`, separate for this run.
 os.environ["XDG_RUNTIME_DIR"] = tempfile.mkdtemp(prefix="uros-run-")
 atexit.register(shutil.rmtree, os.environ["XDG_RUNTIME_DIR"], ignore_errors=True)
+# The folder of builds of virtual boards' programs, which all runs share.
+os.environ["XDG_CACHE_HOME"] = str(Path(__file__).resolve().parent.parent / "build" / "cache")
 
 
 HAS_CYCLONE = has_wheel()

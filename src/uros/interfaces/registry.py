@@ -8,6 +8,7 @@ broken file affects only its own type.
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
 from collections import ChainMap
@@ -112,6 +113,25 @@ def _of_variable(folders: str) -> dict[str, Path]:
         except InterfaceError as error:
             raise InterfaceError(f"{VARIABLE}: {error}") from error
     return names
+
+
+def fingerprint() -> list[str] | None:
+    """Return what decides which definition a type has, besides the packaged definitions.
+
+    That is the distribution, and each of the user's own definitions with a digest of its text.
+    None if they cannot be told: with AMENT_PREFIX_PATH, whose folders are too many to read, and if
+    a file cannot be read.
+
+    Raises:
+        InterfaceError: A folder of UROS_INTERFACES is wrong.
+    """
+    if _ament_shares():
+        return None
+    try:
+        own = [(name, hashlib.sha256(file.read_bytes())) for name, file in _own().items()]
+    except OSError:
+        return None
+    return [distro.chosen(), *sorted(f"{name} {text.hexdigest()}" for name, text in own)]
 
 
 def is_added(name: str) -> bool:

@@ -3,6 +3,8 @@
 ==================  ============================================================================
 ``file_system``     Makes a board's file system: resolves, checks, runs the passes, compiles,
                     writes
+``output``          Writes the folder of a build, whole or not at all
+``cache``           Keeps the files of builds, for virtual boards
 ``resolver``        Finds what a program imports: its own modules, those of uros, and types of
                     interfaces
 ``portable``        Defines which modules of uros boards may have

@@ -17,21 +17,19 @@ compiler removes their annotations and docstrings, and keeps asserts and line nu
 from __future__ import annotations
 
 import ast
-import tempfile
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Final
 
+from . import cache
 from .compiler import bytecode
 from .errors import BuildError, FieldError
 from .field_check import check_fields
 from .modules import Module
+from .output import replace
 from .passes.bundle import NotBundled
 from .passes.terse_errors import set_constant
 from .pipeline import PASSES, STARTED, Program, run_passes
 from .resolver import Resolver
-
-_MARKER: Final = ".made-by-uros"
 
 
 def build(
@@ -43,6 +41,7 @@ def build(
     roots: Iterable[str] = (),
     provided: Iterable[str] = (),
     checked: bool = False,
+    cached: bool = False,
 ) -> list[Path]:
     """Write a board's file system into the folder ``out``; return its files, sorted.
 
@@ -73,6 +72,7 @@ def build(
         provided: Further modules that the board has.
         checked: For virtual boards: messages refuse attributes that are not fields, and a packing
             error names the field, its value and its range, with ``terse-errors`` too.
+        cached: Whether an equal build of before may give the files (`cache`).
 
     Raises:
         BuildError: The program or an argument is wrong; ``out`` is unchanged.
@@ -86,8 +86,28 @@ def build(
         raise BuildError(f"no pass {name!r} to leave out; there are {', '.join(known)}")
     if out.resolve().is_relative_to(program.resolve()):
         raise BuildError(f"{out} is inside of the program; give a folder beside it")
-    resolver = Resolver(program, set(provided), "terse-errors" not in without, checked)
-    board_program = Program(resolver.run(tuple(roots)), set(roots), checked)
+    roots, provided = tuple(roots), set(provided)
+    options = (form, sorted(without), roots, sorted(provided), checked)
+    key = cache.key(program, options) if cached else None
+    files = cache.read(key) if key else None
+    if files is None:
+        files = _files(program, form, without, roots, provided, checked)
+        if key:
+            cache.write(key, files)
+    return replace(out, files)
+
+
+def _files(
+    program: Path,
+    form: str,
+    without: set[str],
+    roots: tuple[str, ...],
+    provided: set[str],
+    checked: bool,
+) -> dict[str, bytes]:
+    """Return the files of the board by path."""
+    resolver = Resolver(program, provided, "terse-errors" not in without, checked)
+    board_program = Program(resolver.run(roots), set(roots), checked)
     if faults := check_fields(board_program.modules.values()):
         raise FieldError("\n".join(faults))
     if checked:
@@ -100,7 +120,7 @@ def build(
     for module in board_program.modules.values():
         path, data = _file(module, form)
         files[path] = data
-    return _replace(out, files)
+    return files
 
 
 def _file(module: Module, form: str) -> tuple[str, bytes]:
@@ -115,31 +135,3 @@ def _compile(module: Module, text: str) -> bytes:
     level = "-O0" if module.own else "-O3"
     name = Path(module.source).name if module.own else module.path + ".py"
     return bytecode(text, name, module.source, level)
-
-
-def is_built(folder: Path) -> bool:
-    """Whether `build` wrote the folder."""
-    return (folder / _MARKER).is_file()
-
-
-def _replace(out: Path, files: dict[str, bytes]) -> list[Path]:
-    """Write all files beside ``out`` first, so that ``out`` is never incomplete."""
-    if out.is_file() or (out.is_dir() and not (out / _MARKER).exists() and any(out.iterdir())):
-        raise BuildError(f"{out} holds something else; give a new folder, or remove it")
-    out.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=out.name + ".", dir=out.parent) as temporary:
-        new = Path(temporary, "new")
-        for path, data in files.items():
-            file = new / path
-            file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_bytes(data)
-        (new / _MARKER).touch()
-        if out.exists():
-            out.rename(Path(temporary, "old"))
-        try:
-            new.rename(out)
-        except OSError:
-            if Path(temporary, "old").exists():
-                Path(temporary, "old").rename(out)
-            raise
-    return sorted(out / path for path in files)

@@ -105,7 +105,7 @@ def _show(port: OpenPort, args: argparse.Namespace) -> None:
 
 def _folder(args: argparse.Namespace) -> Path:
     """Return the folder of the program, or of its build. Raises ToolError."""
-    from ...boards.builder.file_system import is_built
+    from ...boards.builder.output import is_built
 
     return Path(args.program) if is_built(Path(args.program)) else program_folder(args.program)
 
@@ -113,7 +113,7 @@ def _folder(args: argparse.Namespace) -> Path:
 def _files(args: argparse.Namespace, folder: Path) -> dict[str, bytes]:
     """Return the files for the board. Raises ToolError and InterfaceError."""
     from ...boards.builder import secrets_file
-    from ...boards.builder.file_system import is_built
+    from ...boards.builder.output import is_built
 
     if is_built(folder):
         files = _read(folder)

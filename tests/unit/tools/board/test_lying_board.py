@@ -37,7 +37,7 @@ def program(tmp_path):
 @pytest.fixture
 def deploy(program, monkeypatch, capsys):
     """Deploys to a board; the exit status, and what was said, which a terminal may show."""
-    monkeypatch.setattr("uros.boards.builder.file_system.is_built", lambda path: True)
+    monkeypatch.setattr("uros.boards.builder.output.is_built", lambda path: True)
 
     def run(board, *options):
         with monkeypatch.context() as patches:

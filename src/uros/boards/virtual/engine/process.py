@@ -248,7 +248,10 @@ class BoardProcess:
         # Bytecode, and programs whose memory is measured, are built as for a real board.
         checked = options.form == "py" and not options.measure
         provided = ["second_core", *options.provided]
-        build(Path(options.program), root, options.form, checked=checked, provided=provided)
+        build(
+            Path(options.program), root, options.form, checked=checked, provided=provided,
+            cached=True,
+        )  # fmt: skip
         secrets = secrets_file.read_secrets(
             Path(options.program), None if options.secrets is None else Path(options.secrets)
         )
