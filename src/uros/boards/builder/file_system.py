@@ -124,10 +124,15 @@ def _files(
 
 
 def _file(module: Module, form: str) -> tuple[str, bytes]:
-    text = module.text if module.own else ast.unparse(module.tree) + "\n"
+    text = module.text if module.own else _unparsed(module.tree)
     if form == "py" or (module.own and module.name in STARTED):
         return module.path + ".py", text.encode()
     return module.path + ".mpy", _compile(module, text)
+
+
+def _unparsed(tree: ast.Module) -> str:
+    # Nodes that passes made have no line numbers, which unparse reads.
+    return ast.unparse(ast.fix_missing_locations(tree)) + "\n"
 
 
 def _compile(module: Module, text: str) -> bytes:

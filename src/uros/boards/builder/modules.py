@@ -85,7 +85,7 @@ def imports(module: Module) -> Iterator[Wanted]:
                 yield from visit(child, tolerant, function)
             for child in (*node.orelse, *node.finalbody):
                 yield from visit(child, optional, function)
-        else:
+        elif not isinstance(node, ast.expr):  # an expression has no statements
             if isinstance(node, FUNCTIONS):
                 function = function or node.name
             for child in ast.iter_child_nodes(node):

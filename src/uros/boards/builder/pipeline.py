@@ -14,7 +14,6 @@ To add a pass, write a module of its name in ``passes`` and add it to `PASSES` i
 
 from __future__ import annotations
 
-import ast
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Final
@@ -90,7 +89,6 @@ def _on_bundle(change: Callable[[Module, list[Module]], None]) -> Callable[[Prog
         if bundled:
             other_modules = [module for module in program.modules.values() if module is not bundled]
             change(bundled, other_modules)
-            ast.fix_missing_locations(bundled.tree)
 
     return run
 

@@ -9,7 +9,10 @@ from typing import Any, Final
 FUNCTIONS: Final = (ast.FunctionDef, ast.AsyncFunctionDef)
 COMPREHENSIONS: Final = (ast.ListComp, ast.SetComp, ast.DictComp, ast.GeneratorExp)
 # Fields of nodes without a node below.
-_PLAIN: Final = {"ctx", "id", "attr", "arg", "kind", "level", "module", "type_comment"}
+_PLAIN: Final = {
+    "ctx", "id", "attr", "arg", "kind", "level", "module", "type_comment", "asname", "simple",
+    "conversion", "is_async", "type_ignores",
+}  # fmt: skip
 
 
 class _Fields(dict[type[ast.AST], tuple[str, ...]]):
@@ -20,7 +23,8 @@ class _Fields(dict[type[ast.AST], tuple[str, ...]]):
         return self[kind]
 
 
-_fields = _Fields({ast.Constant: ()})
+_LEAVES: Final = (ast.Constant, ast.Global, ast.Nonlocal, ast.Pass, ast.Break, ast.Continue)
+_fields = _Fields(dict.fromkeys(_LEAVES, ()))
 
 
 class Transformer(ast.NodeTransformer):
@@ -74,8 +78,8 @@ def walk(node: ast.AST) -> Iterator[ast.AST]:
     for node in nodes:  # which grows meanwhile
         for name in _fields[type(node)]:
             value = getattr(node, name, None)
-            if isinstance(value, list):
-                nodes.extend([item for item in value if isinstance(item, ast.AST)])
+            if value.__class__ is list:
+                nodes += [item for item in value if isinstance(item, ast.AST)]
             elif isinstance(value, ast.AST):
                 nodes.append(value)
         yield node
@@ -90,29 +94,31 @@ def parameters(args: ast.arguments) -> Iterator[str]:
 
 def bound(statements: Iterable[ast.AST]) -> Iterator[str]:
     """Yield the names that statements bind in their own scope, once for each binding."""
-    for node in statements:
+    waiting = list(statements)[::-1]  # the last one is next
+    while waiting:
+        node = waiting.pop()
+        kind = type(node)
+        if kind is ast.Name:
+            if type(node.ctx) is not ast.Load:
+                yield node.id
+            continue
+        if kind is ast.Constant or kind is ast.Lambda:
+            continue
         if isinstance(node, (*FUNCTIONS, ast.ClassDef)):
             yield node.name
-        elif isinstance(node, ast.Lambda):
-            continue
         elif isinstance(node, COMPREHENSIONS):
             # The variables of a comprehension are local; its := binds in the enclosing scope.
-            for inner in walk(node):
-                if isinstance(inner, ast.NamedExpr):
-                    yield from bound([inner.target])
+            waiting += [n.target for n in walk(node) if isinstance(n, ast.NamedExpr)][::-1]
         elif isinstance(node, ast.Import):
             for alias in node.names:
                 yield alias.asname or alias.name.partition(".")[0]
         elif isinstance(node, ast.ImportFrom):
             for alias in node.names:
                 yield alias.asname or alias.name
-        elif isinstance(node, ast.Name):
-            if not isinstance(node.ctx, ast.Load):
-                yield node.id
         else:
             if isinstance(node, ast.ExceptHandler) and node.name:
                 yield node.name
-            yield from bound(ast.iter_child_nodes(node))
+            waiting += [*ast.iter_child_nodes(node)][::-1]
 
 
 def times_bound(tree: ast.Module) -> dict[str, int]:

@@ -53,7 +53,6 @@ def inline_constants(modules: dict[str, Module]) -> None:
     outside_names = named_from_outside(modules.values())
     for module in library:
         _drop_private(module, known[module.name], outside_names)
-        ast.fix_missing_locations(module.tree)
 
 
 @dataclass
@@ -232,6 +231,8 @@ class _Fold(Transformer):
     """Folds what is known at build time: MicroPython, its byte order and constant conditions."""
 
     def visit_Attribute(self, node: ast.Attribute) -> ast.AST:
+        if node.attr not in ("name", "byteorder"):  # most attributes: unparse is slow
+            return self.generic_visit(node)
         if ast.unparse(node) == "sys.implementation.name":
             return ast.copy_location(ast.Constant("micropython"), node)
         if ast.unparse(node) == "sys.byteorder":  # little on every board with a MicroPython port

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import ast
 import copy
+from collections import Counter
 from collections.abc import Iterable
 from typing import Final
 
@@ -41,46 +42,92 @@ def inline_methods(tree: ast.Module, named: Iterable[str]) -> None:
         named: Names that other modules may use; methods with these names stay.
     """
     fixed = set(named)
-    while _inline_one(tree, fixed):
+    uses = _Uses(tree)
+    while _inline_one(tree, fixed, uses):
         pass
 
 
-def _inline_one(tree: ast.Module, fixed: set[str]) -> bool:
-    uses: dict[str, int] = {}
-    defined: dict[str, int] = {}
-    for node in walk(tree):
-        if isinstance(node, ast.Attribute):
-            uses[node.attr] = uses.get(node.attr, 0) + 1
-        elif isinstance(node, ast.Name):  # a class body refers to its own methods by name
-            uses[node.id] = uses.get(node.id, 0) + 1
-        elif isinstance(node, ast.ClassDef):
-            for name in bound(node.body):
-                defined[name] = defined.get(name, 0) + 1
+class _Uses:
+    """How often the parts of a bundle, methods above all, use each name.
+
+    Inlining one method changes two others of many hundred, so a part is traversed again only after
+    `forget`.
+    """
+
+    def __init__(self, tree: ast.Module) -> None:
+        self._tree = tree
+        self.defined = Counter(
+            name
+            for node in walk(tree)
+            if isinstance(node, ast.ClassDef)
+            for name in bound(node.body)
+        )  # how often class bodies bind each name, before any method was inlined
+        self._attributes: dict[ast.AST, Counter[str]] = {}
+        self._names: dict[ast.AST, Counter[str]] = {}
+        self._plain: dict[ast.AST, bool] = {}
+
+    def forget(self, part: ast.AST) -> None:
+        """Forget a part that was changed."""
+        for known in (self._attributes, self._names, self._plain):
+            known.pop(part, None)
+
+    def attributes(self, part: ast.AST) -> Counter[str]:
+        """Return how often a part uses each attribute."""
+        if part not in self._attributes:
+            nodes = list(walk(part))
+            self._attributes[part] = Counter(n.attr for n in nodes if isinstance(n, ast.Attribute))
+            self._names[part] = Counter(n.id for n in nodes if isinstance(n, ast.Name))
+        return self._attributes[part]
+
+    def is_plain(self, method: ast.FunctionDef) -> bool:
+        """Return whether the method may be inlined, wherever its call is."""
+        if method not in self._plain:
+            self._plain[method] = _is_plain(method)
+        return self._plain[method]
+
+    def total(self) -> Counter[str]:
+        """Return how often the whole bundle uses each name, as an attribute or a plain name.
+
+        A class body refers to its own methods by plain names.
+        """
+        total: Counter[str] = Counter()
+        for statement in self._tree.body:
+            for part in statement.body if isinstance(statement, ast.ClassDef) else [statement]:
+                total.update(self.attributes(part))
+                total.update(self._names[part])
+            if isinstance(statement, ast.ClassDef):
+                for part in (*statement.bases, *statement.keywords, *statement.decorator_list):
+                    total.update(self.attributes(part))
+                    total.update(self._names[part])
+        return total
+
+
+def _inline_one(tree: ast.Module, fixed: set[str], uses: _Uses) -> bool:
+    total = uses.total()
     for owner in tree.body:
         if not isinstance(owner, ast.ClassDef):
             continue
         callers: dict[str, ast.FunctionDef] = {}  # of an attribute used once: its user
         for caller in owner.body:
             if isinstance(caller, ast.FunctionDef):
-                names = (node.attr for node in walk(caller) if isinstance(node, ast.Attribute))
-                callers.update(dict.fromkeys(names, caller))
+                callers.update(dict.fromkeys(uses.attributes(caller), caller))
         for method in owner.body:
             if (
                 isinstance(method, ast.FunctionDef)
-                and uses.get(method.name) == 1
-                and defined[method.name] == 1
+                and total[method.name] == 1
+                and uses.defined[method.name] == 1
                 and method.name not in fixed
                 and callers.get(method.name, method) is not method
-                and _is_plain(method)
+                and uses.is_plain(method)
                 and _CallInliner(method, callers[method.name]).done
             ):
                 owner.body.remove(method)
+                uses.forget(callers[method.name])
                 return True
     return False
 
 
 def _is_plain(method: ast.FunctionDef) -> bool:
-    """Return whether the method may be inlined, wherever its call is."""
     args = method.args
     if method.decorator_list or method.name.startswith("__") or args.defaults:
         return False

@@ -40,7 +40,7 @@ def order_names(tree: ast.Module) -> None:
     others = [ast.Constant(name) for name in names if name not in plain]
     unevaluated = ast.List([*chains, *others], ast.Load())
     statement = ast.BoolOp(ast.Or(), [ast.Name("__name__", ast.Load()), unevaluated])
-    tree.body.insert(0, ast.fix_missing_locations(ast.Expr(statement)))
+    tree.body.insert(0, ast.Expr(statement))
 
 
 def _chain(names: list[str]) -> ast.expr:
