@@ -97,14 +97,12 @@ def bound(statements: Iterable[ast.AST]) -> Iterator[str]:
     waiting = list(statements)[::-1]  # the last one is next
     while waiting:
         node = waiting.pop()
-        kind = type(node)
-        if kind is ast.Name:
-            if type(node.ctx) is not ast.Load:
+        if isinstance(node, ast.Name):
+            if not isinstance(node.ctx, ast.Load):
                 yield node.id
+        elif isinstance(node, (ast.Constant, ast.Lambda)):
             continue
-        if kind is ast.Constant or kind is ast.Lambda:
-            continue
-        if isinstance(node, (*FUNCTIONS, ast.ClassDef)):
+        elif isinstance(node, (*FUNCTIONS, ast.ClassDef)):
             yield node.name
         elif isinstance(node, COMPREHENSIONS):
             # The variables of a comprehension are local; its := binds in the enclosing scope.

@@ -92,13 +92,13 @@ class _Uses:
         """
         total: Counter[str] = Counter()
         for statement in self._tree.body:
-            for part in statement.body if isinstance(statement, ast.ClassDef) else [statement]:
+            parts: list[ast.AST] = [statement]
+            if isinstance(statement, ast.ClassDef):
+                outside = (*statement.bases, *statement.keywords, *statement.decorator_list)
+                parts = [*statement.body, *outside]
+            for part in parts:
                 total.update(self.attributes(part))
                 total.update(self._names[part])
-            if isinstance(statement, ast.ClassDef):
-                for part in (*statement.bases, *statement.keywords, *statement.decorator_list):
-                    total.update(self.attributes(part))
-                    total.update(self._names[part])
         return total
 
 
