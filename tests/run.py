@@ -31,9 +31,9 @@ sys.path.insert(0, str(ROOT / "scripts"))
 import env  # noqa: E402  (scripts/env.py, found by the line above)
 
 GROUPS = ("unit", "contract", "replay", "interop", "boards", "mpy", "soak", "docs")
-# So many groups run at a time, the longest ones first. Most wait more than they compute, so four
-# keep two cores busy. The output of the first is shown at once, that of the others at the end.
-PARALLEL = 4
+# So many groups run at a time, the longest ones first, which keeps two cores busy. The output of
+# the first is shown at once, that of the others at the end.
+PARALLEL = 3
 LONGEST_FIRST = ("unit", "interop", "mpy", "boards", "contract", "replay", "docs", "soak")
 # The longest groups have two processes, with whole files each.
 TWO: tuple[str, ...] = ("-n", "2", "--dist", "loadfile")

@@ -16,6 +16,7 @@ import pytest
 from rosbags.typesys import Stores, get_typestore
 from support.agent import running_agent
 from support.middleware import MIDDLEWARE
+from support.variants import slow_except
 
 from uros.boards.virtual.engine.runner import RunningBoard, firmware_folder
 from uros.boards.virtual.models.catalog import find
@@ -36,7 +37,7 @@ STAMP_NS = 200_000_000
 NAN = float("nan")
 
 
-@pytest.fixture(params=["cpython", "micropython"])
+@pytest.fixture(params=slow_except(["cpython", "micropython"], "micropython"))
 def engine(request):
     return request.param
 

@@ -3,6 +3,7 @@
 import pytest
 from support.agent import running_agent
 from support.middleware import MIDDLEWARE
+from support.variants import slow_except
 
 from uros.boards.virtual.engine.runner import RunningBoard
 from uros.interfaces import load as load_type
@@ -39,7 +40,7 @@ def peer(peer):
     return peer
 
 
-@pytest.fixture(params=["cpython", "micropython"])
+@pytest.fixture(params=slow_except(["cpython", "micropython"], "micropython"))
 def board(request, tmp_path, peer):
     for topic in TYPES:
         forget(peer, topic)

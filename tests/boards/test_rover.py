@@ -14,6 +14,7 @@ import pytest
 from PIL import Image
 from support.agent import running_agent
 from support.middleware import MIDDLEWARE
+from support.variants import slow_except
 
 from uros.boards.virtual.engine.runner import RunningBoard
 from uros.interfaces import load as load_type
@@ -34,7 +35,7 @@ PUBLISHED = {
 }
 ROSOUT = "/rosout"
 STAMP_NS = 100_000_000
-ENGINES = ("cpython", "micropython")
+ENGINES = slow_except(["cpython", "micropython"], "micropython")
 # Text on CPython, bytecode on MicroPython.
 FORM = {"cpython": "py", "micropython": "mpy"}
 

@@ -17,6 +17,7 @@ from PIL import Image
 from support.agent import running_agent
 from support.middleware import MIDDLEWARE, WITH_SERVICES
 from support.peer import RosPeer
+from support.variants import slow_except
 
 from uros.boards.virtual.engine.runner import RunningBoard
 from uros.interfaces import load as load_type
@@ -24,7 +25,7 @@ from uros.interfaces.codec import from_cdr, to_cdr
 
 pytestmark = pytest.mark.timeout(120)
 
-ENGINES = ("cpython", "micropython")
+ENGINES = slow_except(["cpython", "micropython"], "micropython")
 NODE = "my_node_serial"
 INT32 = "std_msgs/msg/Int32"
 IMAGE = "sensor_msgs/msg/CompressedImage"

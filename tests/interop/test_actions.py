@@ -14,6 +14,7 @@ import pytest
 from conftest import ROOT
 from support.middleware import WITH_SERVICES
 from support.peer import RosPeer
+from support.variants import slow_except
 
 from uros.boards.virtual.engine.runner import RunningBoard
 from uros.interfaces import load as load_type
@@ -94,7 +95,7 @@ class ActionBoard:
         assert "internal error" not in log, log
 
 
-@pytest.fixture(scope="module", params=["cpython", "micropython"])
+@pytest.fixture(scope="module", params=slow_except(["cpython", "micropython"], "micropython"))
 def board(request, tmp_path_factory, domain):
     board = ActionBoard(request.param, tmp_path_factory.mktemp("actions"), domain)
     with board.running:

@@ -27,6 +27,7 @@ def test_a_crowd_that_comes_and_goes():
     assert beside("crowd", 5)["times"]
 
 
+@pytest.mark.slow
 def test_messages_of_a_megabyte_beside_a_thousand_small_ones_a_second():
     done = beside("large", 5)
     assert done["node"]["sizes"] == [1_000_008] and done["node"]["fast"]
@@ -38,6 +39,7 @@ def test_an_interface_that_comes_and_goes_at_either_end():
     assert beside("interface", 9, best_effort=20.0)["times"] >= 2
 
 
+@pytest.mark.slow
 def test_a_slow_reader_behind_a_link_that_loses():
     """It gets some of what the boards send, of which 1 MB messages alone are too much for it."""
     done = beside("slow", 5)

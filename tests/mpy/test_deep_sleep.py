@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 from mpy.harness import INSTALLED
 from support.ports import lasting_port
+from support.variants import slow_except
 from uros.interfaces.std_msgs.msg import Int32
 
 from uros.boards.virtual.engine.runner import RunningBoard
@@ -49,7 +50,7 @@ line = Over(Station("robots", "secret99"), UdpTransport("10.16.1.2", local_port=
 }
 
 
-@pytest.fixture(params=["cpython", "micropython"])
+@pytest.fixture(params=slow_except(["cpython", "micropython"], "micropython"))
 def engine(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     monkeypatch.setenv("UROS_MICROPYTHON", str(INSTALLED))
     return str(request.param)

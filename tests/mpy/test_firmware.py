@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from support.variants import slow_except
 
 from uros.boards.virtual.engine.runner import RunningBoard
 
@@ -49,7 +50,7 @@ class Console:
         os.close(self._fd)
 
 
-@pytest.fixture(params=["cpython", "micropython"])
+@pytest.fixture(params=slow_except(["cpython", "micropython"], "micropython"))
 def board(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[RunningBoard]:
     with RunningBoard("ra6m5_usb_text", engine=request.param, link=tmp_path / "tty") as running:
         running.wait_usb("configured")

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 from mpy.harness import INSTALLED
+from support.variants import slow_except
 from uros.interfaces.std_msgs.msg import Empty
 
 from uros.boards.virtual.engine.runner import RunningBoard
@@ -44,7 +45,7 @@ HANGS = {
 }
 
 
-@pytest.fixture(params=["cpython", "micropython"])
+@pytest.fixture(params=slow_except(["cpython", "micropython"], "micropython"))
 def engine(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     monkeypatch.setenv("UROS_MICROPYTHON", str(INSTALLED))
     return str(request.param)

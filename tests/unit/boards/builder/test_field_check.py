@@ -5,23 +5,22 @@ from support.paths import ROOT
 from support.variants import slow_except
 
 from uros.boards.builder.errors import FieldError
+from uros.boards.builder.field_check import check_fields
 from uros.boards.builder.file_system import build
+from uros.boards.builder.resolver import Resolver
 
 CLONE = ROOT
 
 
 def faults(tmp_path, text, **modules):
-    """Return the field faults that the build of a program reports, without the folder."""
+    """Return the field faults of a program, without the folder."""
     program = tmp_path / "program"
     program.mkdir(exist_ok=True)
     (program / "main.py").write_text(text)
     for name, module_text in modules.items():
         (program / f"{name}.py").write_text(module_text)
-    try:
-        build(program, tmp_path / "out")
-    except FieldError as error:
-        return [line.replace(f"{program}/", "") for line in str(error).splitlines()]
-    return []
+    modules = Resolver(program, set(), terse=True, checked=False).run(())
+    return [fault.replace(f"{program}/", "") for fault in check_fields(modules.values())]
 
 
 IMPORTS = """\
@@ -187,6 +186,19 @@ def test_a_message_from_another_module_is_checked(tmp_path):
 )  # fmt: skip
 def test_an_object_of_uncertain_type_is_not_checked(tmp_path, body):
     assert faults(tmp_path, IMPORTS + body + "\n") == []
+
+
+def test_a_build_with_field_faults_is_refused_and_names_each(tmp_path):
+    program = tmp_path / "program"
+    program.mkdir()
+    (program / "main.py").write_text(IMPORTS + "Int32().date = 1\nString(text='')\n")
+    with pytest.raises(FieldError) as caught:
+        build(program, tmp_path / "out")
+    assert str(caught.value).splitlines() == [
+        f"{program}/main.py:7: std_msgs/msg/Int32 has no field date; did you mean data?",
+        f"{program}/main.py:8: std_msgs/msg/String has no field text; it has data",
+    ]
+    assert not (tmp_path / "out").exists()
 
 
 PROGRAMS = sorted(file.parent for file in (CLONE / "firmware").glob("*/main.py"))
