@@ -213,7 +213,7 @@ class BoardProcess:
         self._micropython: MicroPythonEngine | None = None
         self._base: int | None = None  # the heap before the program
         self._heap_asked = False  # before the engine existed
-        self._reset_cause = HARD  # of the reset that is asked for
+        self._pressed: int | None = None  # the cause of a reset that no signal has delivered yet
         self._told_baud = 0  # the board's rate that was sent last
         self._shown: dict[str, str] = {}  # the visible state of each part, as sent last
         try:
@@ -271,7 +271,7 @@ class BoardProcess:
         )  # fmt: skip
         for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT):
             signal.signal(number, self._on_signal)
-        signal.signal(signal.SIGUSR1, lambda *_: host.ask_reset(self._reset_cause))
+        signal.signal(signal.SIGUSR1, lambda *_: self._on_press(host))
         while not board.usb_inside and board.usb.state == ATTACHED:
             board.usb.wait(1.0)  # the bridge chip has power before the program starts
         happenings = [happening.spec for happening in (*board.acts(), *board.faults())]
@@ -364,6 +364,8 @@ class BoardProcess:
         while True:
             time.sleep(self._pause())
             self._watch()
+            if self._pressed is not None:
+                self._interrupt()
             self.board.advance()
             self._send_parts()
             if self._host is not None:
@@ -396,8 +398,21 @@ class BoardProcess:
 
     def _press(self, cause: int) -> None:
         """Reset the board; thread-safe."""
-        self._reset_cause = cause
-        os.kill(os.getpid(), signal.SIGUSR1)  # interrupts the program's thread
+        self._pressed = cause
+        self._interrupt()
+
+    def _interrupt(self) -> None:
+        """Interrupt the program's thread.
+
+        It does not notice a signal that comes between its last step in Python and a wait of the
+        operating system, so `_poll` repeats the signal.
+        """
+        os.kill(os.getpid(), signal.SIGUSR1)
+
+    def _on_press(self, host: BoardHost) -> None:
+        cause, self._pressed = self._pressed, None
+        if cause is not None:
+            host.ask_reset(cause)
 
     def _send_parts(self) -> None:
         with self.board.lock:

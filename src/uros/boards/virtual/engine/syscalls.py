@@ -176,9 +176,15 @@ class BoardHost:
     # --- time -------------------------------------------------------------------------
 
     def _before_wait(self) -> None:
-        self._within = False
+        self._let_reset()
         self._board.clock.hold(None)
         self._idle()
+
+    def _let_reset(self) -> None:
+        """From here on a reset interrupts the system call, also one that was asked for before."""
+        self._within = False
+        if self._reset_asked:
+            raise Reset(self._reset_asked)
 
     def _set_epoch(self, data: bytes) -> bytes:
         (ns,) = struct.unpack("<q", data)
@@ -255,7 +261,7 @@ class BoardHost:
 
     def _usb_wait(self, data: bytes) -> int:
         us, wanted = struct.unpack("<IB", data)
-        self._within = False
+        self._let_reset()
         self._board.clock.hold(None)
         board = self._board
         clock, usb = board.clock, board.usb

@@ -597,6 +597,19 @@ def test_the_reset_button_waits_for_an_operation_but_not_for_a_sleep(runner):
         runner.host.ask_reset()  # while the program itself runs
 
 
+@pytest.mark.parametrize(
+    "wait", [("SLEEP", struct.pack("<Q", 3600 * 10**6)), ("USB_WAIT", struct.pack("<IB", 10**6, 1))]
+)
+def test_the_reset_button_is_not_lost_when_a_wait_is_about_to_begin(runner, monkeypatch, wait):
+    from uros.boards.virtual.shims import _ops as ops
+
+    monkeypatch.setattr(runner.board, "advance", runner.host.ask_reset)
+    before = runner.board.clock.world_us()
+    with pytest.raises(Reset):
+        runner.host.call(getattr(ops, wait[0]), wait[1])
+    assert runner.board.clock.world_us() == before
+
+
 def test_a_reset_disables_usb_and_restarts_the_ticks(runner):
     runner.fine(OPEN)
     runner.host.reset()
