@@ -270,10 +270,12 @@ def test_service_echo_with_other_forms(started, peer):
     wanted = ("--csv", "--no-str", "--no-arr")
     with started("service", "echo", "/real/light", SET_BOOL, *wanted) as process:
         line = repeated(peer, FLIP, process.stdout.readline)
+        kind = line.partition(",")[0]  # 1: a request was received, 2: a response was sent
+        requests, responses = {"1": (1, 0), "2": (0, 1)}[kind]
         assert re.fullmatch(
             r"[12],\d{10},\d+,<array type: uint8\[16\]>,\d+,"
-            r"<sequence type: std_srvs/srv/SetBool_Request\[1\], length: 1>,"
-            r"<sequence type: std_srvs/srv/SetBool_Response\[1\], length: 0>\n",
+            rf"<sequence type: std_srvs/srv/SetBool_Request\[1\], length: {requests}>,"
+            rf"<sequence type: std_srvs/srv/SetBool_Response\[1\], length: {responses}>\n",
             line,
         )
     with started("service", "echo", "/real/peer/get_parameters") as process:
