@@ -13,6 +13,7 @@ from importlib.util import find_spec
 
 import psutil
 import pytest
+from support.variants import slow_except
 
 from uros import poller
 from uros.middleware import open_middleware, paced_call
@@ -818,6 +819,7 @@ def test_a_node_closes_only_its_own_endpoints(network):
         endpoint.close()
 
 
+@pytest.mark.parametrize("network", slow_except(NETWORKS, "auto", "rtps-two"), indirect=True)
 def test_endpoints_that_come_and_go_leak_no_memory(network):
     node, plain = network.node(), network.plain_node("plain")
     process = psutil.Process()

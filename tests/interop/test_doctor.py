@@ -45,6 +45,7 @@ def test_a_reliable_subscription_of_a_best_effort_board(peer, domain, port):
     peer.do("unsubscribe", topic="/temp")
 
 
+@pytest.mark.slow
 def test_a_latched_subscription_of_a_volatile_board(peer, domain, port):
     peer.do("subscribe", topic="/temp", type=TEMPERATURE, durability="transient_local")
     with agent(port) as which, board(port, domain):
@@ -57,6 +58,7 @@ def test_a_latched_subscription_of_a_volatile_board(peer, domain, port):
     peer.do("unsubscribe", topic="/temp")
 
 
+@pytest.mark.slow
 def test_a_subscription_with_another_type(peer, domain, port):
     peer.do("subscribe", topic="/temp", type="std_msgs/msg/String")
     with agent(port) as which, board(port, domain):

@@ -23,6 +23,7 @@ from support.agent import running_agent
 from support.middleware import MIDDLEWARE, host_node
 from support.peer import RosPeer
 from support.spinning import spinning
+from support.variants import slow_except
 
 from uros.bag.reader import BagReader
 from uros.interfaces import load
@@ -261,7 +262,7 @@ def answer(text):
     return match.groups()
 
 
-@pytest.mark.parametrize("middleware", ["dds", "auto", "rtps"])
+@pytest.mark.parametrize("middleware", slow_except(["dds", "auto", "rtps"], "auto"))
 def test_service_call_to_a_board(uros, domain, middleware):
     with running_agent("udp", middleware, domain) as agent:
         with trigger_board(agent.transport.port, domain):

@@ -51,7 +51,6 @@ def test_a_slow_reader_behind_a_link_that_loses():
     slow_except(
         ["samples", "requests", "heartbeats", "announcements", "participants"],
         "samples",
-        "announcements",
     ),  # fmt: skip
 )
 def test_a_flood_of_one_participant(kind):

@@ -144,6 +144,7 @@ def exchange(source, sink, number):
     assert server and best_effort
 
 
+@pytest.mark.slow
 def test_nothing_is_malformed_with_cyclone(capture, plane, domain, tmp_path):
     cyclone = DataPlane(domain, open_middleware("dds"))
     try:

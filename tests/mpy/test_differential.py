@@ -72,6 +72,7 @@ def check_ours(numbers: list[int], folder: Path, monkeypatch: pytest.MonkeyPatch
     compare(numbers, folder / "program", folder / "out", output(files))
 
 
+@pytest.mark.slow
 def test_users_programs(tmp_path: Path) -> None:
     check_users(list(range(6)), tmp_path)
 

@@ -218,6 +218,7 @@ def run():
         board.run("import program\nprogram.run()")
 
 
+@pytest.mark.slow
 def test_heap_of_discovery(tmp_path: Path) -> None:
     """Discovery takes at most 5,400 bytes more than a known address: today's cost and a tenth."""
     program = """

@@ -59,7 +59,8 @@ def test_heap_of_the_client(micropython: MicroPython, program: str, form: str) -
 
 
 @pytest.mark.parametrize(("module", "name", "limit"), [
-    ("std_msgs.msg", "Int32", 700), ("sensor_msgs.msg", "Imu", 2_500),
+    pytest.param("std_msgs.msg", "Int32", 700, marks=pytest.mark.slow),
+    ("sensor_msgs.msg", "Imu", 2_500),
 ])  # fmt: skip
 def test_heap_of_a_type(module: str, name: str, limit: int) -> None:
     """A type that is published and received adds at most 0.7 kB (Int32) or 2.5 kB (Imu)."""
@@ -160,6 +161,7 @@ def test_publishing_does_not_allocate(micropython: MicroPython, form: str) -> No
     assert publish_allocates(micropython) == 0
 
 
+@pytest.mark.slow
 def test_publishing_costs_little_more_than_encoding(micropython: MicroPython) -> None:
     """Publishing a Twist takes at most 3.5 times as long as encoding it.
 

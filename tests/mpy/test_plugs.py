@@ -129,7 +129,11 @@ def agent(kind):
 
 
 @pytest.mark.parametrize(
-    ("kind", "engine"), [*((kind, "micropython") for kind in TRANSPORTS), ("esp8266", "cpython")]
+    ("kind", "engine"),
+    [
+        *((kind, "micropython") for kind in TRANSPORTS),
+        pytest.param("esp8266", "cpython", marks=pytest.mark.slow),
+    ],
 )
 def test_a_node_connects_publishes_and_reconnects(kind, agent, engine, tmp_path):
     folder = program(tmp_path / "program", kind, agent.transport.port)

@@ -12,6 +12,7 @@ from mpy.harness import ROOT, portable_sources, portable_tests, shared_sources, 
 from mpy.unix_port import UnixBoard, command
 from support.agent import RunningAgent, serving
 from support.certificates import Authority
+from support.variants import slow_except
 
 from uros.agent.transports.base import ServerTransport
 from uros.agent.transports.certificates import Certificates
@@ -91,7 +92,7 @@ def board_files(folder: Path, kind: str, port: int, ca: Path | None) -> Path:
     return folder / "out"
 
 
-@pytest.mark.parametrize("kind", TRANSPORTS)
+@pytest.mark.parametrize("kind", slow_except(TRANSPORTS, "tls"))
 def test_a_board_connects_and_finds_the_agents_successor(kind: str, tmp_path: Path) -> None:
     command()  # skips
     first = RunningAgent(server(kind, tmp_path), "memory", 0, 4)

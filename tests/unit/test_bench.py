@@ -133,6 +133,7 @@ print(json.dumps(comparison.figures))
 
 
 @pytest.mark.long
+@pytest.mark.slow
 def test_two_middlewares_in_one_run_have_each_figure_that_has_a_goal(bench, own_domain_id):
     """With real agents and the other process, and as few samples as possible."""
     command = [sys.executable, "-c", SMALLEST, str(own_domain_id)]

@@ -160,6 +160,7 @@ def deb(tmp_path_factory):
 
 
 @pytest.mark.long
+@pytest.mark.slow
 def test_the_debian_package_has_commands_units_rules_and_configuration(deb):
     control, files = deb
     members = {member.name.lstrip("./"): member for member in files.getmembers()}

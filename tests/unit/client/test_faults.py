@@ -108,7 +108,7 @@ def run_with_restart(alive, restart_ms):
 
 # Each parameter covers every fourth of about three hundred instants.
 @pytest.mark.parametrize("first", slow_except([1, 2, 3, 4], 1))
-@pytest.mark.parametrize("restart_ms", [1, 3000])
+@pytest.mark.parametrize("restart_ms", slow_except([1, 3000], 3000))
 def test_an_agent_that_dies_after_any_datagram_is_replaced(first, restart_ms):
     alive = first
     while run_with_restart(alive, restart_ms):

@@ -103,6 +103,7 @@ def test_a_square_of_a_metre_after_calibration(seed: int) -> None:
     assert sizes.d == pytest.approx(car.rover.half_track, rel=0.006)
 
 
+@pytest.mark.slow
 def test_calibration_corrects_a_body_with_large_deviations() -> None:
     def off() -> Car:
         car = Car(9, FIELD_PIDS(), tolerance=0.0)

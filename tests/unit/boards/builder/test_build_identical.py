@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from uros.boards.builder.file_system import build
 
 BUILD = """
@@ -35,6 +37,7 @@ def interpreters() -> list[str]:
     return paths
 
 
+@pytest.mark.slow
 def test_every_python_builds_the_same(tmp_path: Path) -> None:
     program = tmp_path / "program"
     program.mkdir()

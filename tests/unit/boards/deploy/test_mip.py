@@ -42,6 +42,7 @@ def test_every_module_for_boards_is_in_some_package() -> None:
     assert {name for name, module in portable().items() if not module.package} <= packed
 
 
+@pytest.mark.slow
 def test_no_two_modules_have_the_same_package() -> None:
     core = parts()[CORE][0]
     single = [

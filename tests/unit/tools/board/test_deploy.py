@@ -233,6 +233,7 @@ def test_keys_go_to_the_board_and_some_leave(line: tuple[int, str]) -> None:
         os.close(typed)
 
 
+@pytest.mark.slow
 def test_an_index_is_written_and_the_next_step_printed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
