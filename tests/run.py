@@ -201,7 +201,7 @@ def main() -> int:
         if output:
             print(f"\n--- {by_group[group].line()}", flush=True)
 
-    if "docs" in chosen:
+    if "docs" in chosen and options.full:
         with suppress(env.Unavailable):  # tests/docs/test_site.py reports it
             env.docs()  # before the groups: pip must not change .venv while tests run
 

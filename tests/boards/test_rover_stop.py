@@ -67,13 +67,9 @@ if __name__ == "__main__":
 @pytest.mark.parametrize(
     ("block", "engine"),
     [
-        *[(block, "cpython") for block in BLOCKS],
-        ("loop", "micropython"),
-        *[
-            pytest.param(block, "micropython", marks=pytest.mark.slow)
-            for block in BLOCKS
-            if block != "loop"
-        ],
+        pytest.param(block, engine, marks=() if block == "loop" else pytest.mark.slow)
+        for block in BLOCKS
+        for engine in ("cpython", "micropython")
     ],
 )
 def test_the_rover_stops_a_second_after_the_last_command_while_the_main_core_hangs(

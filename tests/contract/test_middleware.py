@@ -220,9 +220,10 @@ NETWORKS = [
 ]  # fmt: skip
 if find_spec("rclpy") is not None:
     NETWORKS.append("ros2")
+DAILY = [name for name in NETWORKS if name not in ("memory-two", "dds-two", "rtps/select")]
 
 
-@pytest.fixture(params=NETWORKS)
+@pytest.fixture(params=slow_except(NETWORKS, *DAILY))
 def network(request, own_domain_id, monkeypatch):
     """``two``: the writers belong to another middleware of the same network, here of the same
     kind; else to one of the kind named second. ``select``: on a system that has nothing else."""

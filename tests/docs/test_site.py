@@ -10,9 +10,12 @@ import pytest
 from support.paths import ROOT
 from unit.test_docs import VERBS, options_of, parsers
 
-pytestmark = pytest.mark.skipif(
-    sys.version_info < (3, 11, 5), reason="not on this platform: mkdocs-material is for 3.11.5"
-)
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(
+        sys.version_info < (3, 11, 5), reason="not on this platform: mkdocs-material is for 3.11.5"
+    ),
+]
 
 
 def build(root, folder):

@@ -34,6 +34,7 @@ def test_messages_of_a_megabyte_beside_a_thousand_small_ones_a_second():
     assert done["boards"]["read"]
 
 
+@pytest.mark.slow
 def test_an_interface_that_comes_and_goes_at_either_end():
     # Best effort is lost until the processes have had their turns; three times in these seconds.
     assert beside("interface", 9, best_effort=20.0)["times"] >= 2

@@ -1,6 +1,7 @@
-"""Runs every portable test of tests/unit on MicroPython, from bytecode and, slow, from sources.
+"""Runs every portable test of tests/unit on MicroPython, from bytecode and from sources.
 
-test_build.py runs them in a build with all passes.
+`make test` runs every second one, from bytecode. test_build.py runs them in a build with all
+passes.
 """
 
 from collections.abc import Callable
@@ -14,10 +15,14 @@ from mpy.harness import ROOT, MicroPython, portable_tests
     ("form", "module", "function"),
     [
         pytest.param(
-            form, file, function, id=f"{form}-{file.relative_to(ROOT)}::{function}", marks=marks
+            form,
+            file,
+            function,
+            id=f"{form}-{file.relative_to(ROOT)}::{function}",
+            marks=pytest.mark.slow if form == "py" or number % 2 else (),
         )
-        for form, marks in (("py", pytest.mark.slow), ("mpy", ()))
-        for file, function in portable_tests()
+        for form in ("py", "mpy")
+        for number, (file, function) in enumerate(portable_tests())
     ],
 )
 def test_portable(

@@ -51,7 +51,7 @@ def test_as_a_host(name):
     rng = random.Random(name)
     cls = _classes[name]
     reused = cls()
-    for _ in range(6):
+    for _ in range(examples(6)):
         host = samples.message(name, rng)
         want = to_cdr(host)
         msg = as_board(host)

@@ -95,7 +95,7 @@ def oracle_bytes(msg, little=True):
 @pytest.mark.parametrize("name", [name for name in CASES if name not in WIDE])
 def test_against_rosbags(name):
     rng = random.Random(name)
-    for _ in range(12):
+    for _ in range(examples(12)):
         msg = samples.message(name, rng)
         want = oracle_bytes(msg)
         assert to_cdr(msg) == want
@@ -175,7 +175,7 @@ def test_random_bytes(name, data, little):
 def test_mutated_bytes(name):
     rng = random.Random(name)
     cls = load(name)
-    for _ in range(40):
+    for _ in range(examples(40)):
         data = bytearray(to_cdr(samples.message(name, rng)))
         for _ in range(rng.randint(1, 4)):
             data[rng.randrange(len(data))] = rng.choice([0, 1, 0x7F, 0xFF, rng.randrange(256)])
