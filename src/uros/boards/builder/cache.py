@@ -31,9 +31,16 @@ _DIGEST_SIZE: Final = hashlib.sha256().digest_size
 
 
 def folder() -> Path:
-    """Return the folder of the kept builds."""
+    """Return the folder of the kept builds.
+
+    Raises:
+        OSError: The user has no home folder.
+    """
     home = os.environ.get("XDG_CACHE_HOME")
-    return Path(home or Path.home() / ".cache") / "uros" / "builds"
+    try:
+        return Path(home or Path.home() / ".cache") / "uros" / "builds"
+    except RuntimeError as error:
+        raise OSError(str(error)) from error
 
 
 def key(program: Path, options: object) -> str | None:
@@ -95,8 +102,8 @@ def _files_of_uros(where: str) -> Iterator[tuple[str, int, int]]:
 
 def read(key: str) -> dict[str, bytes] | None:
     """Return the files of a build by path; None if it is not kept."""
-    kept = folder() / f"{key}.build"
     try:
+        kept = folder() / f"{key}.build"
         data = kept.read_bytes()
         os.utime(kept)
     except OSError:
@@ -111,12 +118,13 @@ def read(key: str) -> dict[str, bytes] | None:
 def write(key: str, files: Mapping[str, bytes]) -> None:
     """Keep the files of a build, and no more than `MOST` builds; does nothing if it cannot."""
     archive = io.BytesIO()
-    with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as opened:
+    with zipfile.ZipFile(archive, "w") as opened:
         for path, content in files.items():
-            opened.writestr(path, content)
+            # Without the time of now, which may be before 1980: zip archives have none of then.
+            opened.writestr(zipfile.ZipInfo(path), content, zipfile.ZIP_DEFLATED)
     data = archive.getvalue()
-    where = folder()
     with suppress(OSError):
+        where = folder()
         where.mkdir(mode=0o700, parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix="new.", dir=where) as temporary:
             new = Path(temporary, "build")

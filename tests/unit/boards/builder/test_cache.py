@@ -2,6 +2,8 @@
 
 import os
 import shutil
+import time
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -194,6 +196,23 @@ def test_a_folder_that_cannot_be_written_is_no_fault(program, tmp_path, folder):
     folder.parent.parent.write_text("a file where a folder should be")
     build(program, tmp_path / "out", cached=True)
     assert (tmp_path / "out" / "main.py").exists()
+
+
+def test_a_user_without_a_home_folder_builds_each_time(program, tmp_path, monkeypatch):
+    def no_home():
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    monkeypatch.setattr(Path, "home", no_home)
+    build(program, tmp_path / "out", cached=True)
+    assert (tmp_path / "out" / "main.py").exists()
+
+
+def test_a_host_whose_clock_was_never_set_keeps_builds(folder, monkeypatch):
+    monkeypatch.setattr(time, "time", lambda: 10.0)
+    monkeypatch.setattr(time, "localtime", lambda *_: time.gmtime(10.0))
+    cache.write("key", {"main.py": b"print(1)\n"})
+    assert cache.read("key") == {"main.py": b"print(1)\n"}
 
 
 def test_the_builds_that_were_used_last_are_kept(folder, monkeypatch):
