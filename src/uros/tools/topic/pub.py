@@ -261,12 +261,16 @@ class _Pace:
     def wait(self) -> None:
         """Wait until the next message is due."""
         now = self._time()
-        # Neither messages that were missed are caught up on, nor a time that went back.
-        self._due = min(max(self._due + self._period, now - _CAUGHT_UP), now + self._period)
+        self._due += self._period
         if self._is_sim_time:
+            # A time that jumps is that of one message, as of a timer in ROS 2.
+            missed = max(0, (now - self._due) // self._period + 1)
+            self._due = min(self._due + missed * self._period, now + self._period)
             first = self._due - self._period
             self._network.spin(lambda: not first <= self.now() < self._due)
         else:
+            # Neither messages that were missed are caught up on, nor a time that went back.
+            self._due = min(max(self._due, now - _CAUGHT_UP), now + self._period)
             self._network.spin(lambda: False, max(0.0, (self._due - now) / 1e9))
 
 

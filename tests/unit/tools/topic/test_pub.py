@@ -196,3 +196,40 @@ def test_publishing_without_subscribers_prints_no_hint(subscriber, capsys):
     alone = ["topic", "pub", "--times", "15", "-w", "0", "-r", "10", "/another"]
     assert cli.main([*alone, "std_msgs/msg/Float32", "data: 0.2", *subscriber]) == 0
     assert capsys.readouterr().err == ""
+
+
+class SteppedNetwork:
+    """A network on which /clock tells these times, in tenths of a second, one after the other."""
+
+    def __init__(self, times):
+        self._times = iter(times)
+        self.now_ns = 0
+
+    def listen(self, *_):
+        pass
+
+    def spin(self, done, seconds=None):
+        while not done():
+            self.now_ns = next(self._times) * 100_000_000
+        return True
+
+
+@pytest.mark.parametrize(
+    "times, published",
+    [
+        ([10, 11, 12, 13], [10, 11, 12, 13]),
+        ([10, 12, 13, 15], [10, 12, 13, 15]),  # a time is that of one message
+        ([10, 11, 30, 31, 32], [10, 11, 30, 31, 32]),  # what was missed is not caught up on
+        ([30, 31, 10, 11], [30, 31, 10, 11]),  # a time that went back
+    ],
+)
+def test_a_rate_in_simulation_time(monkeypatch, times, published):
+    network = SteppedNetwork(times)
+    monkeypatch.setattr(pub, "clock", lambda network, _: lambda: network.now_ns)
+    pace = pub._Pace(network, options("std_msgs/Bool", "-s", "-r", "10"))
+    said = []
+    with pytest.raises(StopIteration):
+        while True:
+            said.append(pace.now() // 100_000_000)
+            pace.wait()
+    assert said == published
