@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Final
 
 from ...interfaces import registry
-from . import secrets_file
+from .resolver import program_files
 
 MOST: Final = 256
 """So many builds are kept, those that were used last; one takes about 50 kB."""
@@ -61,20 +61,11 @@ def key(program: Path, options: object) -> str | None:
         return None
     try:
         uros = sorted(_files_of_uros(str(_PACKAGE)))
-        own = [(str(path), _digest(file)) for path, file in _files_of(program)]
+        own = [(str(path), _digest(file)) for path, file in program_files(program)]
     except OSError:
         return None
     parts = (_FORMAT, sys.version, _mpy_cross(), options, definitions, uros, own)
     return hashlib.sha256(repr(parts).encode(errors="surrogatepass")).hexdigest()
-
-
-def _files_of(program: Path) -> Iterator[tuple[Path, Path]]:
-    """Yield each file of a program that may be part of the build, its path in the folder first."""
-    for file in sorted(program.rglob("*")):
-        path = file.relative_to(program)
-        hidden = any(part.startswith((".", "__pycache__")) for part in path.parts)
-        if not hidden and path.parts[0] != secrets_file.FILE and file.is_file():
-            yield path, file
 
 
 def _digest(file: Path) -> str:

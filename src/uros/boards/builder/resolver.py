@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Final
 
@@ -32,6 +32,18 @@ _PROVIDED: Final = {
     "uzlib", "vfs", "webrepl", "websocket", "wipy", "zephyr", "zlib", "zsensor",
 }  # fmt: skip
 _DEFINING: Final = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.Assign, ast.AnnAssign)
+
+
+def program_files(program: Path) -> Iterator[tuple[Path, Path]]:
+    """Yield the files of a program that go to the board, sorted: path in the folder, and path."""
+    for file in sorted(program.rglob("*")):
+        relative_path = file.relative_to(program)
+        if any(part.startswith((".", "__pycache__")) for part in relative_path.parts):
+            continue
+        if relative_path.parts[0] in (secrets_file.TESTS, secrets_file.FILE):
+            continue
+        if file.suffix == ".py" or (file.is_file() and file.suffix != ".md"):
+            yield relative_path, file
 
 
 class Resolver:
@@ -67,15 +79,10 @@ class Resolver:
         """
         if not self.program.is_dir():
             raise SourceError(f"{self.program}: no such folder; give the folder of a main.py")
-        for file in sorted(self.program.rglob("*")):
-            relative_path = file.relative_to(self.program)
-            if any(part.startswith((".", "__pycache__")) for part in relative_path.parts):
-                continue
-            if relative_path.parts[0] in (secrets_file.TESTS, secrets_file.FILE):
-                continue
+        for relative_path, file in program_files(self.program):
             if file.suffix == ".py":
                 self.parse_program_file(file, relative_path)
-            elif file.is_file() and file.suffix != ".md":
+            else:
                 self.data_files[relative_path.as_posix()] = file.read_bytes()
         if not self.modules:
             raise SourceError(f"{self.program}: no Python file in it; give the folder of a main.py")

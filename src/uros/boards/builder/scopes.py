@@ -78,7 +78,7 @@ def walk(node: ast.AST) -> Iterator[ast.AST]:
     for node in nodes:  # which grows meanwhile
         for name in _fields[type(node)]:
             value = getattr(node, name, None)
-            if value.__class__ is list:
+            if isinstance(value, list):
                 nodes += [item for item in value if isinstance(item, ast.AST)]
             elif isinstance(value, ast.AST):
                 nodes.append(value)

@@ -80,7 +80,7 @@ class _Uses:
         return self._attributes[part]
 
     def is_plain(self, method: ast.FunctionDef) -> bool:
-        """Return whether the method may be inlined, wherever its call is."""
+        """Return the result of `_is_plain`."""
         if method not in self._plain:
             self._plain[method] = _is_plain(method)
         return self._plain[method]
@@ -128,6 +128,7 @@ def _inline_one(tree: ast.Module, fixed: set[str], uses: _Uses) -> bool:
 
 
 def _is_plain(method: ast.FunctionDef) -> bool:
+    """Return whether the method may be inlined, wherever its call is."""
     args = method.args
     if method.decorator_list or method.name.startswith("__") or args.defaults:
         return False

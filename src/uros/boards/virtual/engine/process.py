@@ -363,9 +363,9 @@ class BoardProcess:
         """Send the visible state, also while the program computes, sleeps or has ended."""
         while True:
             time.sleep(self._pause())
-            self._watch()
             if self._pressed is not None:
                 self._interrupt()
+            self._watch()
             self.board.advance()
             self._send_parts()
             if self._host is not None:
