@@ -4,7 +4,7 @@
 #   make board [NAME=...]    a virtual board and an agent; NAME=list has them
 #   make quick               lint and the unit tests without the long ones: for daily work
 #   make test                all tests that a change must pass
-#   make test-full           these, the slow ones, and the tests with ROS on rtps too
+#   make test-full           these, the slow ones, those with ROS on rtps too, and on Jazzy
 #   make test-arm64          the quick tests and the demo in an emulated Debian on arm64; as root
 #   make coverage            how much of wire and agent their own tests reach
 #   make fuzz [TARGET=...] [SECONDS=600]   any bytes against one part, or all
@@ -47,6 +47,7 @@ test-full:
 	@$(PYTHON) scripts/env.py test
 	@.venv/bin/python tests/run.py --full $(ARGS)
 	@$(if $(ARGS),,.venv/bin/python tests/run.py --middleware rtps)
+	@$(if $(ARGS),,.venv/bin/python tests/run.py --ros jazzy)
 	@$(if $(ARGS),,.venv/bin/python scripts/cover.py)
 
 test-arm64:
@@ -95,5 +96,5 @@ release:
 	@.venv/bin/python scripts/release.py $(ARGS)
 
 clean:
-	rm -rf .venv .venv-ros build dist .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	rm -rf .venv .venv-ros .venv-ros-jazzy build dist .hypothesis .mypy_cache .pytest_cache .ruff_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

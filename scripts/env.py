@@ -6,6 +6,7 @@
                                fuzzing engine, with the makers of packages and of the SBOM
     env.py micropython         build/micropython: MicroPython as WebAssembly, and Node to run it
     env.py ros                 .venv-ros: real ROS 2 for tests/interop, and Debian's ddsperf
+    env.py ros-jazzy           .venv-ros-jazzy: the same of ROS 2 Jazzy, for `make test-full`
 
 Each prints what it installs, does nothing when nothing has changed, and raises Unavailable with a
 remedy when it is not possible on this machine. It uses the standard library only, and Python 3.7:
@@ -30,21 +31,15 @@ STILL = 15  # seconds without output after which a step says that it still runs
 DOCS_OLDEST = (3, 11, 5)  # of mkdocs-material's requirements
 
 VENV = ROOT / ".venv"
-ROS_VENV = ROOT / ".venv-ros"
+# The environments with ROS 2, by distro. The first is that of `make test`.
+ROS_VENVS = {"kilted": ROOT / ".venv-ros", "jazzy": ROOT / ".venv-ros-jazzy"}
 MICROPYTHON = ROOT / "build" / "micropython"
 
 ROS_PYTHON = "3.11"  # the version of ROS 2 on PyPI
 ROS_PACKAGES = (
-    "ros-kilted-rclpy",
-    "ros-kilted-rmw-fastrtps-cpp",
-    "ros-kilted-std-msgs",
-    "ros-kilted-std-srvs",
-    "ros-kilted-sensor-msgs",
-    "ros-kilted-geometry-msgs",
-    "ros-kilted-nav-msgs",
-    "ros-kilted-diagnostic-msgs",
-    "ros-kilted-test-msgs",
-)
+    "rclpy", "rmw-fastrtps-cpp", "std-msgs", "std-srvs", "sensor-msgs", "geometry-msgs",
+    "nav-msgs", "diagnostic-msgs", "test-msgs",
+)  # fmt: skip
 # For the agent with its ros2 middleware, and for the tests of it.
 ROS_AGENT_PACKAGES = ("cyclonedds", "hypothesis", "psutil", "pytest", "pytest-timeout")
 
@@ -300,12 +295,13 @@ def micropython() -> None:
     stamp.write(made_from)
 
 
-def ros() -> None:
-    """Create .venv-ros with ROS 2 Kilted from PyPI."""
-    pins = ROOT / "constraints-ros.txt"
+def ros(distro: str = "kilted") -> None:
+    """Create the environment with ROS 2 from PyPI."""
+    venv, is_first = ROS_VENVS[distro], distro == next(iter(ROS_VENVS))
+    pins = ROOT / ("constraints-ros.txt" if is_first else f"constraints-ros-{distro}.txt")
     made_from = {"root": str(ROOT), "pins": digest(pins)}
-    stamp = Stamp(ROS_VENV)
-    inside = ROS_VENV / "bin" / "python"
+    stamp = Stamp(venv)
+    inside = venv / "bin" / "python"
     if stamp.read() == made_from and succeeds(inside, "-c", ""):
         return
     if (platform.system(), platform.machine()) != ("Linux", "x86_64"):
@@ -318,15 +314,20 @@ def ros() -> None:
             f"ROS 2 from PyPI needs Python {ROS_PYTHON}, which is not here",
             f"install it, for example with: pyenv install {ROS_PYTHON}",
         )
-    say("installing ROS 2 Kilted into .venv-ros: 340 MB, one to three minutes")
+    say(f"installing ROS 2 {distro.title()} into {venv.name}: 340 MB, one to three minutes")
     stamp.start({})
-    create_venv(python, ROS_VENV)
+    create_venv(python, venv)
     # Most of its modules are never imported; the others are compiled when they are.
-    pip(inside, "--no-compile", "-c", str(pins), *ROS_PACKAGES, *ROS_AGENT_PACKAGES)
-    if not succeeds(inside, "-c", "import rclpy, cyclonedds, pytest"):
+    packages = [f"ros-{distro}-{name}" for name in ROS_PACKAGES]
+    modules = ["rclpy"]
+    if is_first:
+        packages += ROS_AGENT_PACKAGES
+        modules += ["cyclonedds", "pytest"]
+    pip(inside, "--no-compile", "-c", str(pins), *packages)
+    if not succeeds(inside, "-c", "import " + ", ".join(modules)):
         raise Unavailable(
-            "rclpy, cyclonedds or pytest does not import in .venv-ros",
-            "remove .venv-ros and try again",
+            f"{' or '.join(modules)} does not import in {venv.name}",
+            f"remove {venv.name} and try again",
         )
     stamp.write(made_from)
 
@@ -352,6 +353,7 @@ def main(arguments: list) -> None:
         kinds[extra] = lambda extra=extra: uros(extra)
     kinds["test"] = lambda: (uros("test"), tshark())
     kinds["ros"] = lambda: (ros(), ddsperf())
+    kinds["ros-jazzy"] = lambda: ros("jazzy")
     if len(arguments) != 1 or arguments[0] not in kinds:
         sys.exit("usage: env.py " + " | ".join(sorted(kinds)))
     try:

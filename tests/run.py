@@ -1,6 +1,6 @@
 """Runs the test groups, one pytest process each, and prints a line for each group at the end.
 
-    tests/run.py [--full] [--group NAME]... [--middleware NAME]
+    tests/run.py [--full] [--group NAME]... [--middleware NAME] [--ros DISTRO]
 
 The exit status is 0 only if every group ran at least one test and none failed. A skipped test
 counts as failed unless its reason begins with 'not on this platform:'. The groups interop and
@@ -49,6 +49,8 @@ NEED_ROS = ("interop", "boards")
 # Their agents and host nodes run on the middleware that --middleware chooses.
 ON_MIDDLEWARE = ("replay", "interop", "boards")
 MIDDLEWARES = ("dds", "rtps")
+# The rclpy of these is that of the distro that --ros chooses.
+ON_ROS = ("interop",)
 EXCUSE = "not on this platform:"
 
 # pytest-timeout ends a test that hangs, but not one that hangs in C with the interpreter's lock.
@@ -137,8 +139,8 @@ def run_watched(command: list[str], output: TextIO | None) -> int | None:
     return process.wait()
 
 
-def run_group(group: str, full: bool, output: TextIO | None = None) -> Result:
-    """Run the tests of a group; their output goes to ``output``."""
+def run_group(group: str, full: bool, distro: str, output: TextIO | None = None) -> Result:
+    """Run the tests of a group with a ROS 2 distro; their output goes to ``output``."""
     result = Result(group)
     started = time.monotonic()
     print(f"\n=== {group} ===", file=output, flush=True)
@@ -148,7 +150,10 @@ def run_group(group: str, full: bool, output: TextIO | None = None) -> Result:
     try:
         with PREPARING:
             for prepare in PREPARE.get(group, ()):
-                prepare()
+                if prepare is env.ros:
+                    prepare(distro)
+                else:
+                    prepare()
     except env.Unavailable as error:
         print(f"{group}: {error}", flush=True)
         result.not_run = str(error)
@@ -182,11 +187,20 @@ def main() -> int:
         help=f"the middleware of agents and host nodes ({' or '.join(MIDDLEWARES)}); without"
         f" --group only of {', '.join(ON_MIDDLEWARE)}",
     )  # fmt: skip
+    parser.add_argument(
+        "--ros", choices=tuple(env.ROS_VENVS), metavar="DISTRO",
+        help=f"the ROS 2 on the other side ({' or '.join(env.ROS_VENVS)}); without --group only of"
+        f" {', '.join(ON_ROS)}",
+    )  # fmt: skip
     options = parser.parse_args()
-    groups = options.group or (ON_MIDDLEWARE if options.middleware else GROUPS)
+    some = ON_ROS if options.ros else ON_MIDDLEWARE if options.middleware else GROUPS
+    groups = options.group or some
     chosen = [group for group in GROUPS if group in groups]
     if options.middleware:
         os.environ["UROS_TEST_MIDDLEWARE"] = options.middleware  # see support/middleware.py
+    distro = options.ros or next(iter(env.ROS_VENVS))
+    if options.ros:
+        os.environ["UROS_TEST_ROS_PYTHON"] = str(env.ROS_VENVS[options.ros] / "bin" / "python")
     # Without compiled modules each process compiles uros again, and pytest rewrites each test:
     # to collect tests/unit then takes 36 s of processor time instead of 10.
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
@@ -197,7 +211,7 @@ def main() -> int:
     by_group: dict[str, Result] = {}
 
     def run_one(group: str, output: TextIO | None) -> None:
-        by_group[group] = run_group(group, options.full, output)
+        by_group[group] = run_group(group, options.full, distro, output)
         if output:
             print(f"\n--- {by_group[group].line()}", flush=True)
 
@@ -229,7 +243,7 @@ def main() -> int:
     # Only the groups of NEED_ROS may be impossible on a machine.
     failed += sum(1 for r in results if r.not_run and (in_ci or r.group not in NEED_ROS))
     counts = f"{passed} passed, {failed} failed" + (f", {skipped} skipped" if skipped else "")
-    where = f"{options.middleware}: " if options.middleware else ""
+    where = "".join(f"{name}: " for name in (options.ros, options.middleware) if name)
     print(f"{where}{counts}, {time.monotonic() - started:.0f} s")
     return 1 if failed else 0
 

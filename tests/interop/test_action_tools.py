@@ -286,18 +286,20 @@ def test_service_echo_with_other_forms(started, peer):
 
 
 def test_the_hash_of_an_event_is_that_of_ros2(peer):
-    for topic, type_name in (
-        ("/real/light/_service_event", f"{SET_BOOL}_Event"),
-        (f"{ACTION}/_action/get_result/_service_event", f"{FIBONACCI}_GetResult_Event"),
-        (f"{ACTION}/_action/cancel_goal/_service_event", "action_msgs/srv/CancelGoal_Event"),
-    ):
+    types = {"/real/light/_service_event": f"{SET_BOOL}_Event"}
+    if peer.do("act", name="/real/hashed", introspected=True)["introspected"]:
+        hidden = "/real/hashed/_action"
+        types[f"{hidden}/get_result/_service_event"] = f"{FIBONACCI}_GetResult_Event"
+        types[f"{hidden}/cancel_goal/_service_event"] = "action_msgs/srv/CancelGoal_Event"
+    for topic, type_name in types.items():
         (info,) = peer.do("topic", topic=topic)["infos"]
         assert (info["type"], info["hash"]) == (type_name, known_hash(type_name))
 
 
 def test_action_echo(started, peer):
     """Each message names its interface; the services' are those of introspection."""
-    peer.do("act", name="/real/echoed", introspected=True)
+    if not peer.do("act", name="/real/echoed", introspected=True)["introspected"]:
+        pytest.skip("not on this platform: rclpy of Jazzy has no introspection of actions")
     goals = {"verb": "send", "name": "/real/echoed", "goals": {"goal": [2, 0]}}
 
     def all_interfaces():

@@ -18,11 +18,12 @@ class VerbsPeer(ActionPeer):
         )
 
     def do_act(self, name, introspected=False, seconds=15):
-        """Serve the action, and enable its introspection."""
+        """Serve the action, and enable its introspection if rclpy has it: from Kilted on."""
         self.do_serve(name)
-        if introspected:
+        has_it = hasattr(self.servers[-1], "configure_introspection")
+        if introspected and has_it:
             self.introspect(self.servers[-1])
-        return {}
+        return {"introspected": introspected and has_it}
 
     def do_act_no_more(self, seconds=15):
         """Destroy the last action server."""
