@@ -31,6 +31,11 @@ class ConfigError(ValueError):
         """All faults that were found, this one first."""
         return [self, *self.others]
 
+    @property
+    def all_faults(self) -> str:
+        """The texts of all faults in one line."""
+        return "; ".join(map(str, self.faults))
+
 
 class Faults(list[ConfigError]):
     """Collects the faults of several values, so that one error has them all."""

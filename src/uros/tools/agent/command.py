@@ -195,7 +195,9 @@ def run(args: argparse.Namespace) -> int:
         from .port_in_use import name_holder
 
         raise ToolError(name_holder(error.strerror or str(error))) from error
-    except (ProfileError, ConfigError) as error:
+    except ConfigError as error:
+        raise ToolError(error.all_faults) from error
+    except ProfileError as error:
         raise ToolError(str(error)) from error
 
 

@@ -88,7 +88,7 @@ class Reloader:
         try:
             settings = self._read()
         except (ConfigError, ToolError) as error:
-            text = str(error)
+            text = error.all_faults if isinstance(error, ConfigError) else str(error)
             self._server.soon(lambda: self._finish(lambda: self._refuse(text)))
         except Exception as error:
             fault = error

@@ -96,6 +96,7 @@ def test_a_bad_new_file_is_named_and_the_old_rules_stay(client, connected, tmp_p
         for text, said in (
             ("[admission]\nkys = [3]\n", "did you mean 'keys'?"),
             ("[admission\n", "no TOML: "),
+            ("[[client]]\nmax_rate = 0\nmax_size = 0\n", "; " + f"{rules}: "),
         ):
             rules.write_text(text)
             about = reloaded(process, "not reloaded")

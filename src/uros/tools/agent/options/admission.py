@@ -59,10 +59,11 @@ def make_admission(options: argparse.Namespace, rules: Rules) -> Admission:
         ConfigError: A key or a network is wrong.
     """
     from ....agent.policy.admission import make_admission as make
-    from ....agent.policy.config_values import ConfigError
+    from ....agent.policy.config_values import Faults
 
-    make(rules.admission)  # first alone: a mistake in a file is not the command line's
-    try:
-        return make(rules.admission, options.allow_key, options.allow_net, options.max_clients)
-    except ConfigError as error:
-        raise ConfigError(f"the command line: {error}") from error
+    admission = make(rules.admission)  # first alone: a mistake in a file is not the command line's
+    faults = Faults()
+    with faults.at(about="the command line"):
+        admission = make(rules.admission, options.allow_key, options.allow_net, options.max_clients)
+    faults.check()
+    return admission

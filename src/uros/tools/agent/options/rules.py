@@ -80,12 +80,12 @@ def make_rules(options: argparse.Namespace, config: Config | None = None) -> Rul
 
 
 def _add(rules: Rules, rule: dict[str, Any], where: str) -> None:
-    from ....agent.policy.config_values import ConfigError
+    from ....agent.policy.config_values import Faults
 
-    try:
+    faults = Faults()
+    with faults.at(about=where):
         rules.add(rule)
-    except ConfigError as error:
-        raise ConfigError(f"{where}: {error}") from error
+    faults.check()
 
 
 def rule_of(options: Mapping[str, Any]) -> dict[str, Any]:

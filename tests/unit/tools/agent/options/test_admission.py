@@ -73,6 +73,26 @@ def test_a_mistake_in_a_file_names_the_file(tmp_path):
         command.run(parser().parse_args(["udp4", "-m", "memory", "--control", str(file)]))
 
 
+def test_all_mistakes_of_a_file_are_named(tmp_path):
+    file = tmp_path / "rules.toml"
+    file.write_text("[[client]]\nkey = 'x'\nmax_rate = 0\n[[client]]\nnamespace = '7'\n")
+    with pytest.raises(ToolError) as raised:
+        command.run(parser().parse_args(["udp4", "-m", "memory", "--control", str(file)]))
+    first, second, third = str(raised.value).split("; ")
+    assert first.startswith(f"{file}: [[client]] number 1: key is 'x'")
+    assert second.startswith(f"{file}: [[client]] number 1: max_rate is 0")
+    assert third.startswith(f"{file}: [[client]] number 2: namespace: ")
+
+
+def test_all_mistakes_of_a_command_line_are_named():
+    line = "udp4 -m memory --allow-key x --allow-net eth0".split()
+    with pytest.raises(ToolError) as raised:
+        command.run(parser().parse_args(line))
+    first, second = str(raised.value).split("; ")
+    assert first.startswith("the command line: key is 'x'")
+    assert second.startswith("the command line: networks: 'eth0'")
+
+
 def test_a_running_agent_applies_the_options():
     line = ("udp4", "-p", 0, "-m", "memory", "--allow-key", "0x11", "--dead-time", "0")
     with process(*line) as one:
