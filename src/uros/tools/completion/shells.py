@@ -30,11 +30,12 @@ complete -o bashdefault -o default -F _uros_complete uros
 #compdef uros
 # Completion of uros in zsh. In ~/.zshrc, behind compinit: eval "$(uros completion zsh)"
 _uros_complete() {
-    local -a found
+    local -a found suffix
     found=("${(@f)$(${~words[1]} completion --next zsh -- \
 "${(j: :)words[1,CURRENT]}" 2>/dev/null)}")
     if [[ -n "${found[1]}" ]]; then
-        _describe uros found
+        [[ ${#found} == 1 && ${found[1]} == *[/=] ]] && suffix=(-S '')
+        _describe uros found "${suffix[@]}"
     else
         _files
     fi
