@@ -38,7 +38,7 @@ MICROPYTHON = ROOT / "build" / "micropython"
 ROS_PYTHON = "3.11"  # the version of ROS 2 on PyPI
 ROS_PACKAGES = (
     "rclpy", "rmw-fastrtps-cpp", "std-msgs", "std-srvs", "sensor-msgs", "geometry-msgs",
-    "nav-msgs", "diagnostic-msgs", "test-msgs",
+    "nav-msgs", "diagnostic-msgs", "lifecycle-msgs", "test-msgs",
 )  # fmt: skip
 # For the agent with its ros2 middleware, and for the tests of it.
 ROS_AGENT_PACKAGES = ("cyclonedds", "hypothesis", "psutil", "pytest", "pytest-timeout")
@@ -297,8 +297,7 @@ def micropython() -> None:
 
 def ros(distro: str = "kilted") -> None:
     """Create the environment with ROS 2 from PyPI."""
-    venv, is_first = ROS_VENVS[distro], distro == next(iter(ROS_VENVS))
-    pins = ROOT / ("constraints-ros.txt" if is_first else f"constraints-ros-{distro}.txt")
+    venv, pins = ROS_VENVS[distro], ROOT / f"constraints-{distro}.txt"
     made_from = {"root": str(ROOT), "pins": digest(pins)}
     stamp = Stamp(venv)
     inside = venv / "bin" / "python"
@@ -319,14 +318,10 @@ def ros(distro: str = "kilted") -> None:
     create_venv(python, venv)
     # Most of its modules are never imported; the others are compiled when they are.
     packages = [f"ros-{distro}-{name}" for name in ROS_PACKAGES]
-    modules = ["rclpy"]
-    if is_first:
-        packages += ROS_AGENT_PACKAGES
-        modules += ["cyclonedds", "pytest"]
-    pip(inside, "--no-compile", "-c", str(pins), *packages)
-    if not succeeds(inside, "-c", "import " + ", ".join(modules)):
+    pip(inside, "--no-compile", "-c", str(pins), *packages, *ROS_AGENT_PACKAGES)
+    if not succeeds(inside, "-c", "import rclpy, cyclonedds, pytest"):
         raise Unavailable(
-            f"{' or '.join(modules)} does not import in {venv.name}",
+            f"rclpy, cyclonedds or pytest does not import in {venv.name}",
             f"remove {venv.name} and try again",
         )
     stamp.write(made_from)

