@@ -9,6 +9,7 @@ import fcntl
 import gc
 import os
 import shutil
+import signal
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -53,6 +54,10 @@ atexit.register(shutil.rmtree, os.environ["XDG_RUNTIME_DIR"], ignore_errors=True
 # The folder of builds of virtual boards' programs, which all runs share.
 os.environ["XDG_CACHE_HOME"] = str(Path(__file__).resolve().parent.parent / "build" / "cache")
 
+
+# A shell has its jobs in the background ignore SIGINT, which the processes that tests interrupt
+# would inherit; a handler they do not.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 HAS_CYCLONE = has_wheel()
 UNIT = ROOT / "tests" / "unit"

@@ -137,8 +137,11 @@ def reconnections(kills, middleware, domain, folder):
     assert all(numbers == sorted(numbers) for numbers in board.received)
     assert connections > kills / 4 and received > 100
     assert board.refused == []
-    assert log.count("create_client            | create ") == 1, log
-    assert log.count("datawriter created") == TOPICS == log.count("datareader created"), log
+    # On a busy machine a board's first session with an agent may end before it is complete.
+    sessions = log.count("create_client            | create ")
+    assert sessions - log.count("delete_client            | delete ") == 1, log
+    last = log.rpartition("create_client            | create ")[2]
+    assert last.count("datawriter created") == TOPICS == last.count("datareader created"), log
 
 
 def test_a_board_survives_agents_that_are_killed(tmp_path, domain_id):
