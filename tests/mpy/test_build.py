@@ -218,18 +218,10 @@ def test_lean_errors_are_of_the_same_kind_and_name_the_type(
     assert lines[-2:] == [name, "Header"]
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(300)  # a thousand tests in one interpreter
-@pytest.mark.parametrize(
-    ("options", "step"),
-    [
-        pytest.param(*FORMS[0].values, 1, id=FORMS[0].id, marks=pytest.mark.slow),
-        pytest.param(*FORMS[-1].values, 1, id=FORMS[-1].id, marks=pytest.mark.slow),
-        pytest.param(*FORMS[-1].values, 60, id=f"{FORMS[-1].id}, each sixtieth test"),
-    ],
-)
-def test_portable_tests_pass(
-    micropython: MicroPython, tmp_path: Path, options: dict, step: int
-) -> None:
+@pytest.mark.parametrize("options", [FORMS[0], FORMS[-1]])
+def test_portable_tests_pass(micropython: MicroPython, tmp_path: Path, options: dict) -> None:
     """Portable tests pass as one program in one interpreter.
 
     Tests of modems are left out: they set a module's clock, which a bundle refuses.
@@ -245,7 +237,7 @@ def test_portable_tests_pass(
         (program / f"{module_name(file)}.py").write_bytes(file.read_bytes())
     build(program, tmp_path / "out", **options)
     micropython.install(tree(tmp_path / "out"))
-    for file, function in tests[::step]:
+    for file, function in tests:
         micropython.run(f"import {module_name(file)} as tests\ntests.{function}()")
     assert len(tests) > 100
 

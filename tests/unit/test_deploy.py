@@ -187,6 +187,7 @@ def test_the_debian_package_has_commands_units_rules_and_configuration(deb):
 
 
 @pytest.mark.long
+@pytest.mark.slow
 def test_the_scripts_of_the_debian_package_are_sound_and_purge_takes_everything(deb):
     control, _ = deb
     for name in ("postinst", "prerm", "postrm"):

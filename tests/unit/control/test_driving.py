@@ -128,6 +128,7 @@ def FIELD_PIDS() -> tuple:
     return gains(), gains()
 
 
+@pytest.mark.slow
 def test_the_covariance_of_odometry_covers_its_errors() -> None:
     inside = 0
     for seed in range(8):

@@ -11,6 +11,7 @@ from types import SimpleNamespace
 
 import pytest
 from support.signals import default_signals
+from support.variants import slow_except
 
 from uros.tools import cli, demo
 from uros.tools.errors import ToolError
@@ -163,7 +164,9 @@ def test_bad_options(arguments):
 
 
 @pytest.mark.skipif(not os.path.exists("/proc"), reason="not on this platform: needs /proc")
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize(
+    "number", slow_except([signal.SIGKILL, signal.SIGTERM, signal.SIGHUP], signal.SIGKILL)
+)
 def test_the_agent_ends_with_the_demo_however_it_ends(own_domain_id, number):
     with default_signals():
         demo_process = subprocess.Popen(

@@ -295,7 +295,9 @@ def test_a_serial_line_that_comes_back_when_no_descriptor_is_left(tmp_path):
     os.close(slave)
 
 
-@pytest.mark.parametrize("middleware", ["memory", pytest.param("dds", marks=pytest.mark.cyclone)])
+@pytest.mark.parametrize(
+    "middleware", ["memory", pytest.param("dds", marks=[pytest.mark.cyclone, pytest.mark.slow])]
+)
 def test_a_reader_that_keeps_all_and_never_reads_holds_a_part_of_the_memory(
     middleware, own_domain_id
 ):

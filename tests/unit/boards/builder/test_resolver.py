@@ -1693,6 +1693,7 @@ def test_a_program_that_cannot_be_bundled_is_refused_with_the_remedy(
         build(program(main="x = 1"), tmp_path / "out", "mpy")
 
 
+@pytest.mark.slow
 def test_every_portable_module_can_be_built(program: Make, tmp_path: Path) -> None:
     """All modules that boards may have are built as roots, so all their imports are provided."""
     files = [path.relative_to(SOURCE) for path in portable_files()]

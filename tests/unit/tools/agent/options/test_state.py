@@ -190,6 +190,7 @@ def settle(publishers):
     )
 
 
+@pytest.mark.slow
 def test_no_sample_is_lost_in_repeated_kills_under_load(agent, far_end):
     publishers = [
         Publisher(agent, far_end, 0xA001),
