@@ -45,10 +45,9 @@ def environment():
 @pytest.mark.parametrize(
     ("tests", "least"),
     [
-        (["tests/contract/test_middleware.py", "-k", "ros2"], 40),
-        (["tests/interop/rclpy_middleware.py"], 22),
+        pytest.param(["tests/contract/test_middleware.py", "-k", "ros2"], 40, id="contract"),
+        pytest.param(["tests/interop/rclpy_middleware.py"], 22, id="rclpy", marks=pytest.mark.slow),
     ],
-    ids=["contract", "rclpy"],
 )
 def test_the_middlewares_on_rclpy(ros_python, tests, least):
     """At least ``least`` tests pass and none is skipped: a run that collects none is a failure."""

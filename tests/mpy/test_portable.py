@@ -19,7 +19,7 @@ from mpy.harness import ROOT, MicroPython, portable_tests
             file,
             function,
             id=f"{form}-{file.relative_to(ROOT)}::{function}",
-            marks=pytest.mark.slow if form == "py" or number % 2 else (),
+            marks=pytest.mark.slow if form == "py" or number % 3 else (),
         )
         for form in ("py", "mpy")
         for number, (file, function) in enumerate(portable_tests())

@@ -76,6 +76,7 @@ def test_a_board_in_another_domain_and_the_options_that_fix_it(place):
             assert run_doctor(which, domain, port)[0] == []
 
 
+@pytest.mark.slow
 def test_a_type_that_differs(place):
     domain, port = place
     from uros.interfaces.std_msgs.msg import Float32
@@ -100,6 +101,7 @@ def test_a_boards_clock(place):
             assert run_doctor(which, domain, port)[0] == []
 
 
+@pytest.mark.slow
 def test_two_boards_with_one_key(place):
     domain, port = place
     with agent(port) as which, board(port, domain):
@@ -142,6 +144,7 @@ def test_another_key_fixes_it(place):
         assert run_doctor(which, domain, port)[0] == []
 
 
+@pytest.mark.slow
 def test_a_port_and_a_device(place, tmp_path):
     domain, port = place
     with agent(port) as which, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
@@ -154,6 +157,7 @@ def test_a_port_and_a_device(place, tmp_path):
     assert f"(pid {os.getpid()})" in checks["port"].what and missing in checks["device"].what
 
 
+@pytest.mark.slow
 def test_discovery_switched_off_in_the_agents_environment(place, monkeypatch):
     """Its environment is looked at too."""
     domain, port = place
@@ -212,6 +216,7 @@ def test_a_board_on_a_line(place, monkeypatch, capsys, said, state, words):
     assert one.fix or state == OK
 
 
+@pytest.mark.slow
 def test_security_in_the_shell(place, monkeypatch):
     domain, port = place
     monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")

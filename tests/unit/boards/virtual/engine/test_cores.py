@@ -4,7 +4,6 @@ import errno
 import textwrap
 
 import pytest
-from support.variants import slow_except
 
 from uros.boards.virtual.engine.cores import MOST_NUMBERS, Mail
 from uros.boards.virtual.engine.runner import RunningBoard
@@ -99,9 +98,12 @@ SECOND_CORE = """
 
 @pytest.mark.parametrize(
     "engine, form",
-    slow_except([("cpython", "py"), ("micropython", "py"), ("micropython", "mpy")],
-                ("cpython", "py"), ("micropython", "mpy")),
-)  # fmt: skip
+    [
+        ("cpython", "py"),
+        pytest.param("micropython", "py", marks=pytest.mark.slow),
+        ("micropython", "mpy"),
+    ],
+)
 def test_two_cores_exchange_messages_and_one_runs_while_the_other_hangs(program, engine, form):
     with RunningBoard(program(main=MAIN, other=SECOND_CORE), BOARD, engine, form=form) as board:
         board.wait(f"once {errno.EBUSY if engine == 'cpython' else 5}")
