@@ -309,8 +309,17 @@ class RunningBoard:
             lines.append(line)
 
     def wait_usb(self, state: str, timeout: float = WAIT_SECONDS) -> None:
-        """Wait until USB is "detached", "attached", "configured" or "suspended"."""
-        self._until(lambda: self.usb == state, timeout, f"USB to be {state}")
+        """Wait until USB is "detached", "attached", "configured" or "suspended".
+
+        Raises:
+            StartError: The host has refused the USB device, or there can be no line.
+            TimeoutError: It is not within ``timeout`` seconds.
+        """
+        self._until(
+            lambda: self.usb == state or bool(self.usb_error), timeout, f"USB to be {state}"
+        )
+        if self.usb != state:
+            raise StartError(f"the board's USB: {self.usb_error}")
 
     def shows(self, part: str) -> str:
         """Return the visible state of a part, such as "on" of an LED; "" if it has none."""

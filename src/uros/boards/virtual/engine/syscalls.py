@@ -77,7 +77,7 @@ class BoardHost:
         self._idle = idle
         self._heap = heap
         self._usb = usb
-        self._last_usb = DETACHED
+        self._last_usb = DETACHED, ""
         self._reset_asked = 0  # the cause of the reset
         self._within = False  # in a system call or a reset, which another reset must not interrupt
         self.print = console
@@ -165,11 +165,12 @@ class BoardHost:
         self._within = False
 
     def usb_state(self) -> str:
-        """Return the state of the USB line; report it if it has changed."""
+        """Return the state of the USB line; report it if it or the error has changed."""
         with self._board.lock:  # one of several threads reports a change
             state = self._board.usb.state
-            if state != self._last_usb:
-                self._last_usb = state
+            now = state, self._board.usb.error
+            if now != self._last_usb:
+                self._last_usb = now
                 self._usb(state)
             return state
 

@@ -19,6 +19,7 @@ counts as open, and a program that opens it has to flush it.
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import select
 import sys
@@ -71,11 +72,29 @@ _BAUD: Final = 115_200
 _TELLS_OPEN: Final = sys.platform == "linux"
 
 
+def _open() -> tuple[int, int]:
+    """Open both ends of a pseudo-terminal.
+
+    Raises:
+        OSError: There is none, or no other program can open it.
+    """
+    try:
+        master, slave = os.openpty()
+    except OSError as error:
+        if error.errno != errno.ENODEV:
+            raise
+        raise FileNotFoundError(
+            errno.ENOENT, "pseudo-terminals are not mounted at /dev/pts; in a chroot: mount --bind"
+            " /dev/pts FOLDER/dev/pts"
+        ) from error  # fmt: skip
+    return master, slave
+
+
 class _Line:
     """A pseudo-terminal with the board at its master, and a link to its slave."""
 
     def __init__(self, path: Path, baud: int) -> None:
-        self.master, slave = os.openpty()
+        self.master, slave = _open()
         self._slave = -1
         self._path = path
         try:

@@ -122,6 +122,22 @@ def test_usb_states_are_reported_without_calls_of_the_program(program):
         board.wait_usb("configured")
 
 
+def test_a_refused_usb_device_ends_the_wait_for_it(program):
+    folder = program("""
+        import time, usb.device
+        from usb.device.cdc import CDCInterface
+        class Bad(CDCInterface):
+            def num_itfs(self): return 3
+        usb.device.get().init(Bad())
+        while True:
+            time.sleep_ms(50)
+    """)
+    with RunningBoard(folder, BOARD) as board:
+        with pytest.raises(StartError, match="the board's USB: .*interfaces"):
+            board.wait_usb("configured")
+        assert board.usb == "attached"
+
+
 def test_faults_at_the_start_and_while_the_program_runs(program):
     folder = program("""
         import time

@@ -119,6 +119,18 @@ def test_the_device_is_configured_after_enumeration(usb, clock):
     assert usb.path.resolve().is_char_device()
 
 
+def test_without_mounted_pseudo_terminals_the_error_has_the_remedy(usb, clock, monkeypatch):
+    """Linux has no such device in a chroot without /dev/pts."""
+
+    def openpty():
+        raise OSError(errno.ENODEV, os.strerror(errno.ENODEV))
+
+    monkeypatch.setattr(os, "openpty", openpty)
+    switch_on(usb)
+    clock.advance(ENUMERATION_US)
+    assert usb.state == ATTACHED and "mount --bind /dev/pts" in usb.error
+
+
 def test_wrong_descriptors_are_not_configured(usb, clock):
     usb.enable(DEVICE_DESCRIPTOR, CONFIGURATION_DESCRIPTOR[:-1], STRINGS)
     clock.advance(10 * ENUMERATION_US)
