@@ -6,7 +6,7 @@
 
 from hypothesis import settings
 
-SCALE = {"quick": 0.1, "daily": 0.5, "deep": 3}
+SCALE = {"quick": 0.1, "daily": 0.3, "deep": 3}
 
 
 def examples(number: int) -> int:
