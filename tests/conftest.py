@@ -55,8 +55,8 @@ atexit.register(shutil.rmtree, os.environ["XDG_RUNTIME_DIR"], ignore_errors=True
 os.environ["XDG_CACHE_HOME"] = str(Path(__file__).resolve().parent.parent / "build" / "cache")
 
 
-# A shell has its jobs in the background ignore SIGINT, which the processes that tests interrupt
-# would inherit; a handler they do not.
+# A shell starts background jobs with SIGINT ignored, and child processes inherit that. A handler is
+# not inherited, so with one here SIGINT ends the processes that tests start.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 HAS_CYCLONE = has_wheel()

@@ -39,8 +39,8 @@ LONGEST_FIRST = ("unit", "interop", "mpy", "boards", "contract", "replay", "docs
 TWO: tuple[str, ...] = ("-n", "2", "--dist", "loadfile")
 WORKERS = {"unit": TWO, "interop": TWO}
 PREPARE = {
-    "interop": (env.micropython, env.ros, env.ddsperf),
-    "boards": (env.micropython, env.ros),
+    "interop": (env.micropython, env.ddsperf),
+    "boards": (env.micropython,),
     "mpy": (env.micropython,),
     "docs": (env.micropython,),
 }
@@ -149,11 +149,10 @@ def run_group(group: str, full: bool, distro: str, output: TextIO | None = None)
         return result
     try:
         with PREPARING:
+            if group in NEED_ROS:
+                env.ros(distro)
             for prepare in PREPARE.get(group, ()):
-                if prepare is env.ros:
-                    prepare(distro)
-                else:
-                    prepare()
+                prepare()
     except env.Unavailable as error:
         print(f"{group}: {error}", flush=True)
         result.not_run = str(error)

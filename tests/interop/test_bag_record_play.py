@@ -64,7 +64,7 @@ def test_what_rclpy_publishes_is_recorded(peer, domain, tmp_path, storage):
         recorder.wait_for("Paused")
         peer.do("publish", topic=f"{at}/ignored", type=INT, cdr=[], seconds=0.1)
         peer.do("publish", topic=f"{at}/reliable", type=INT, cdr=hexadecimal(numbers(40, 41)))
-        for _ in range(3):  # lines of the state: by then it has arrived, and was dropped
+        for _ in range(3):  # three status lines later, the message has arrived and was dropped
             recorder.wait_for(r"  51 messages")
         recorder.press(" ")
         recorder.wait_for("Resumed")

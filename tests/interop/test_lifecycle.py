@@ -35,8 +35,8 @@ def change(board, number, label=""):
     return both_of(board, "change_state", [number, label])["success"]
 
 
-def ends_at_refusals(board):
-    """Whether rclpy's node ends with an error where it is to refuse a transition: in Jazzy."""
+def cannot_refuse(board):
+    """Whether rclpy's node fails instead of refusing a transition, as that of Jazzy does."""
     return board[1].distro == "jazzy"
 
 
@@ -49,7 +49,7 @@ def test_a_board_answers_lifecycle_services_as_an_rclpy_node(board):
 
     def walk(*steps):
         for number, label, success, now in steps:
-            if success or not ends_at_refusals(board):
+            if success or not cannot_refuse(board):
                 assert change(board, number, label) == success, (number, label)
             assert state(board) == now
             both_of(board, "get_available_transitions")
@@ -117,4 +117,4 @@ def test_each_transition_is_published(board):
 def test_a_board_that_was_shut_down_stays_finalized(board):
     assert change(board, 0, "shutdown") and state(board) == "finalized"
     assert both_of(board, "get_available_transitions")["available_transitions"] == []
-    assert ends_at_refusals(board) or not change(board, 1)
+    assert cannot_refuse(board) or not change(board, 1)

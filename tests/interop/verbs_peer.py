@@ -20,10 +20,10 @@ class VerbsPeer(ActionPeer):
     def do_act(self, name, introspected=False, seconds=15):
         """Serve the action, and enable its introspection if rclpy has it: from Kilted on."""
         self.do_serve(name)
-        has_it = hasattr(self.servers[-1], "configure_introspection")
-        if introspected and has_it:
+        can_introspect = hasattr(self.servers[-1], "configure_introspection")
+        if introspected and can_introspect:
             self.introspect(self.servers[-1])
-        return {"introspected": introspected and has_it}
+        return {"introspected": introspected and can_introspect}
 
     def do_act_no_more(self, seconds=15):
         """Destroy the last action server."""

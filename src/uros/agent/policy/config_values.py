@@ -63,6 +63,15 @@ class Faults(list[ConfigError]):
             raise first
 
 
+@contextmanager
+def faults_of(about: str) -> Iterator[None]:
+    """Put ``about``, what has the values, before the texts of all faults that end the block."""
+    faults = Faults()
+    with faults.at(about=about):
+        yield
+    faults.check()
+
+
 def only(table: Mapping[str, Any], names: tuple[str, ...], about: str) -> None:
     """Raise ConfigError, which names ``about``, if ``table`` has keys that are not in ``names``."""
     faults = Faults()

@@ -43,7 +43,7 @@ from ...qos import (
 from ...token_bucket import TokenBucket
 from ..clock import Clock
 from .config_values import ConfigError as ConfigError
-from .config_values import Faults, key_of, listed, only, shown, table_of, whole
+from .config_values import Faults, faults_of, key_of, listed, only, shown, table_of, whole
 from .toml_file import TomlFile
 
 _Value = TypeVar("_Value")
@@ -303,10 +303,8 @@ class Rules:
         if "admission" in document:
             self.admission.append((str(path), document["admission"]))
         before = len(self._rules)
-        faults = Faults()
-        with faults.at(about=str(path)):
+        with faults_of(str(path)):
             self._rules.extend(_rules(document))
-        faults.check()
         return len(self._rules) - before
 
     def add(self, table: Mapping[str, Any]) -> None:

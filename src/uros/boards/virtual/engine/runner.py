@@ -315,10 +315,13 @@ class RunningBoard:
             StartError: The host has refused the USB device, or there can be no line.
             TimeoutError: It is not within ``timeout`` seconds.
         """
-        self._until(
-            lambda: self.usb == state or bool(self.usb_error), timeout, f"USB to be {state}"
-        )
-        if self.usb != state:
+        needs_line = state not in ("detached", "attached")
+
+        def is_refused() -> bool:
+            return needs_line and self.usb == "attached" and bool(self.usb_error)
+
+        self._until(lambda: self.usb == state or is_refused(), timeout, f"USB to be {state}")
+        if is_refused():
             raise StartError(f"the board's USB: {self.usb_error}")
 
     def shows(self, part: str) -> str:

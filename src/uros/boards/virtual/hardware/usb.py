@@ -76,7 +76,7 @@ def _open() -> tuple[int, int]:
     """Open both ends of a pseudo-terminal.
 
     Raises:
-        OSError: There is none, or no other program can open it.
+        OSError: There is none to open.
     """
     try:
         master, slave = os.openpty()

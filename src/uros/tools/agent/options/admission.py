@@ -59,11 +59,8 @@ def make_admission(options: argparse.Namespace, rules: Rules) -> Admission:
         ConfigError: A key or a network is wrong.
     """
     from ....agent.policy.admission import make_admission as make
-    from ....agent.policy.config_values import Faults
+    from ....agent.policy.config_values import faults_of
 
-    admission = make(rules.admission)  # first alone: a mistake in a file is not the command line's
-    faults = Faults()
-    with faults.at(about="the command line"):
-        admission = make(rules.admission, options.allow_key, options.allow_net, options.max_clients)
-    faults.check()
-    return admission
+    make(rules.admission)  # first alone: a mistake in a file is not the command line's
+    with faults_of("the command line"):
+        return make(rules.admission, options.allow_key, options.allow_net, options.max_clients)

@@ -80,12 +80,10 @@ def make_rules(options: argparse.Namespace, config: Config | None = None) -> Rul
 
 
 def _add(rules: Rules, rule: dict[str, Any], where: str) -> None:
-    from ....agent.policy.config_values import Faults
+    from ....agent.policy.config_values import faults_of
 
-    faults = Faults()
-    with faults.at(about=where):
+    with faults_of(where):
         rules.add(rule)
-    faults.check()
 
 
 def rule_of(options: Mapping[str, Any]) -> dict[str, Any]:

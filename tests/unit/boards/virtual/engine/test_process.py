@@ -136,6 +136,8 @@ def test_a_refused_usb_device_ends_the_wait_for_it(program):
         with pytest.raises(StartError, match="the board's USB: .*interfaces"):
             board.wait_usb("configured")
         assert board.usb == "attached"
+        board.happen("usb:unplug")
+        board.wait_usb("detached")
 
 
 def test_faults_at_the_start_and_while_the_program_runs(program):
