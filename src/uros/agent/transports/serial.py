@@ -22,7 +22,7 @@ if find_spec("termios") is not None:
     import tty
 
     from .baud import check_baud_rate
-    from .terminal import open_device, reason, set_modem_lines
+    from .terminal import open_device, open_pseudo_terminal, reason, set_modem_lines
 
 
 def has_termios() -> bool:
@@ -147,7 +147,7 @@ class PseudoTerminalServer(LineServer):
 
     def _begin(self, host: Host) -> None:
         try:
-            master, slave = os.openpty()
+            master, slave = open_pseudo_terminal()
         except OSError as error:
             raise TransportError(
                 error.errno, f"no pseudo-terminal can be opened: {error.strerror}"

@@ -49,6 +49,24 @@ def open_device(path: str, baud: int) -> int:
     return fd
 
 
+def open_pseudo_terminal() -> tuple[int, int]:
+    """Open a pseudo-terminal; return the descriptors of its master and its slave.
+
+    Raises:
+        OSError: There is none to open. Linux says ENODEV where /dev/pts is not mounted, of which
+            the text names the remedy.
+    """
+    try:
+        return os.openpty()
+    except OSError as error:
+        if error.errno != errno.ENODEV:
+            raise
+        raise FileNotFoundError(
+            errno.ENOENT, "pseudo-terminals are not mounted at /dev/pts; in a chroot: mount --bind"
+            " /dev/pts FOLDER/dev/pts"
+        ) from error  # fmt: skip
+
+
 def set_modem_lines(fd: int, dtr: bool | None, rts: bool | None) -> str:
     """Raise (True) or drop (False) DTR and RTS; None leaves a line as it is.
 

@@ -17,6 +17,7 @@ from support.agent import running_agent
 from support.client import XrceClient
 from support.lines import SECONDS, SerialLine
 from unit.agent.helpers import get_info, message
+from unit.agent.transports.bare_host import BareHost
 from unit.agent.transports.faults import TYPE, wait_for
 
 from uros.agent.transports import line as module
@@ -402,6 +403,20 @@ def test_a_system_without_pseudo_terminals(monkeypatch):
     monkeypatch.delattr(os, "openpty")
     with pytest.raises(TransportError, match="no pseudo-terminals: use udp4, tcp4 or serial"):
         PseudoTerminalServer()
+
+
+def test_without_mounted_pseudo_terminals_the_error_has_the_remedy(monkeypatch):
+    """Linux has no such device in a chroot without /dev/pts."""
+
+    def openpty():
+        raise OSError(errno.ENODEV, os.strerror(errno.ENODEV))
+
+    monkeypatch.setattr(os, "openpty", openpty)
+    host, server = BareHost(), PseudoTerminalServer()
+    server.open(host)
+    assert "mount --bind /dev/pts" in host.said()
+    server.close()
+    host.close()
 
 
 def test_the_server_class_for_each_device():

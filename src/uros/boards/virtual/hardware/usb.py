@@ -19,7 +19,6 @@ counts as open, and a program that opens it has to flush it.
 from __future__ import annotations
 
 import contextlib
-import errno
 import os
 import select
 import sys
@@ -32,6 +31,7 @@ from pathlib import Path
 from typing import Final
 
 from ....agent.transports.baud import BAUD_RATES, baud_rate, set_baud_rate
+from ....agent.transports.terminal import open_pseudo_terminal
 from ....middleware.wakeup_fd import WakeupFd
 from .clock import BoardClock
 from .usb_descriptors import (
@@ -72,29 +72,11 @@ _BAUD: Final = 115_200
 _TELLS_OPEN: Final = sys.platform == "linux"
 
 
-def _open() -> tuple[int, int]:
-    """Open both ends of a pseudo-terminal.
-
-    Raises:
-        OSError: There is none to open.
-    """
-    try:
-        master, slave = os.openpty()
-    except OSError as error:
-        if error.errno != errno.ENODEV:
-            raise
-        raise FileNotFoundError(
-            errno.ENOENT, "pseudo-terminals are not mounted at /dev/pts; in a chroot: mount --bind"
-            " /dev/pts FOLDER/dev/pts"
-        ) from error  # fmt: skip
-    return master, slave
-
-
 class _Line:
     """A pseudo-terminal with the board at its master, and a link to its slave."""
 
     def __init__(self, path: Path, baud: int) -> None:
-        self.master, slave = _open()
+        self.master, slave = open_pseudo_terminal()
         self._slave = -1
         self._path = path
         try:
