@@ -234,6 +234,7 @@ class BoardProcess:
             FaultError: A fault or action of the options does not exist.
             NoMicroPython: MicroPython or Node was not found.
             InterfaceError: A folder of interface definitions is invalid.
+            BoardError: The host refused the board's USB bridge.
             BuildError: The program cannot be built.
             OSError: A file cannot be read or written.
         """
@@ -274,6 +275,8 @@ class BoardProcess:
         signal.signal(signal.SIGUSR1, lambda *_: self._on_press(host))
         while not board.usb_inside and board.usb.state == ATTACHED:
             board.usb.wait(1.0)  # the bridge chip has power before the program starts
+            if board.usb.error:
+                raise BoardError(f"the board's USB: {board.usb.error}")
         happenings = [happening.spec for happening in (*board.acts(), *board.faults())]
         self._send_parts()  # before "ready": a parent that waits for it may ask for their state
         self.send(

@@ -169,6 +169,7 @@ class UsbCdc:
 
     Raises:
         FileExistsError: ``path`` exists and is not a link.
+        FileNotFoundError: There is no folder for ``path``.
 
     Attributes:
         path: The link to the line.
@@ -192,6 +193,9 @@ class UsbCdc:
         self.path = Path(path)
         if self.path.exists() and not self.path.is_symlink():
             raise FileExistsError(f"{self.path} is there and no link; it is left alone")
+        folder = self.path.parent
+        if not folder.is_dir():
+            raise FileNotFoundError(f"{self.path}: there is no folder {folder}: create it")
         self.plugged = True
         self.baud = _BAUD
         self.error = ""

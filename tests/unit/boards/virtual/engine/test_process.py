@@ -254,6 +254,9 @@ def test_the_process_ends_with_its_parent(program, tmp_path):
     [
         ({"happen": ["sht3x:sulking"]}, StartError, "there is no sht3x:sulking"),
         ({"link": __file__}, StartError, "left alone"),
+        ({"link": f"{__file__}.d/link"}, StartError, "test_process.py.d: create it"),
+        # Nobody can make links there.
+        ({"link": "/proc/uros", "board": "esp32_button_led"}, StartError, "USB: no line"),
         ({"board": "nothing"}, BoardError, "there are ra6m5_sensor_node"),
         ({"board": None}, BoardError, "there are ra6m5_sensor_node"),
         ({"engine": "micropython", "where": "/nowhere"}, StartError, "UROS_MICROPYTHON"),

@@ -168,7 +168,12 @@ def test_enabling_again_enumerates_again(on, program, clock):
 
 
 def test_a_missing_folder_is_reported(clock, tmp_path):
-    usb = UsbCdc(clock, tmp_path / "missing" / "line")
+    folder = tmp_path / "missing"
+    with pytest.raises(FileNotFoundError, match="missing: create it"):
+        UsbCdc(clock, folder / "line")
+    folder.mkdir()
+    usb = UsbCdc(clock, folder / "line")
+    folder.rmdir()
     switch_on(usb)
     clock.advance(ENUMERATION_US)
     assert usb.state == ATTACHED and "missing" in usb.error
