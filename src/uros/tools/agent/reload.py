@@ -62,20 +62,28 @@ class Reloader:
 
     Args:
         server: The server of the agent.
-        settings: The present settings.
+        settings: The settings that the agent was started with.
         read: Reads the settings again; raises ConfigError or ToolError.
     """
 
     def __init__(self, server: Server, settings: Settings, read: Callable[[], Settings]) -> None:
         self._server = server
-        self._settings = settings
+        self._started = settings
         self._read = read
+        self._refused = ""  # why the last reload was refused
+        server.troubles.append(self.trouble)
         self._running = False
         self._again = False  # another request came while one was served
 
     def request(self) -> None:
         """Reload soon. May be used from any thread and from a signal handler."""
         self._server.soon(self._begin)
+
+    def trouble(self) -> str:
+        """Return why the files cannot be used since the last reload; "" if they are in use."""
+        if not self._refused:
+            return ""
+        return f"the last reload was refused, and a restart would fail: {self._refused}"
 
     def _begin(self) -> None:
         if self._running:
@@ -92,7 +100,7 @@ class Reloader:
             self._server.soon(lambda: self._finish(lambda: self._refuse(text)))
         except Exception as error:
             fault = error
-            self._server.soon(lambda: self._finish(lambda: self._server.agent.failed(fault)))
+            self._server.soon(lambda: self._finish(lambda: self._fail(fault)))
         else:
             self._server.soon(lambda: self._finish(lambda: self._apply(settings)))
 
@@ -105,12 +113,18 @@ class Reloader:
             self._begin()
 
     def _refuse(self, text: str) -> None:
+        self._refused = text
         self._server.note(
             WARNING, "Root", "reload", "not reloaded", f"{text} (the former rules stay in use)"
         )
 
+    def _fail(self, error: Exception) -> None:
+        self._refused = f"{type(error).__name__} (see the log)"
+        self._server.agent.failed(error)
+
     def _apply(self, settings: Settings) -> None:
         server, agent = self._server, self._server.agent
+        self._refused = ""
         replaced = replace_rules(agent, server.transports, settings.rules, settings.admission)
         agent.log.level = settings.options.verbose
         agent.message_hooks.follow_level()
@@ -120,20 +134,19 @@ class Reloader:
         if replaced.waiting:
             about += f", new rules from their next session on: {_named(replaced.waiting)}"
         server.note(INFO, "Root", "reload", "rules reloaded", about)
-        if changed := _restart_needed(self._settings, settings):
+        if changed := _restart_needed(self._started, settings):
             server.note(
                 WARNING, "Root", "reload", "restart needed",
                 f"changed, and used from the next start on: {', '.join(changed)}",
             )  # fmt: skip
-        self._settings = settings
 
 
-def _restart_needed(before: Settings, after: Settings) -> list[str]:
-    """Return what has changed and is not used without a restart."""
-    old, new = vars(before.options), vars(after.options)
+def _restart_needed(started: Settings, read: Settings) -> list[str]:
+    """Return what differs from what the agent was started with and needs a restart."""
+    old, new = vars(started.options), vars(read.options)
     changed = [name for name in new if name not in _RELOADED and old[name] != new[name]]
-    if before.config is not None and after.config is not None:
-        if before.config.transports != after.config.transports:
+    if started.config is not None and read.config is not None:
+        if started.config.transports != read.config.transports:
             changed.append("transports")
     return changed
 

@@ -4,6 +4,7 @@ The agents are processes with real sockets.
 """
 
 import fcntl
+import json
 import os
 import re
 import signal
@@ -57,6 +58,16 @@ def reloaded(process, said="rules reloaded"):
     return process.until(rf"\| {said} +\| (.*)")[1]
 
 
+def problems(process):
+    """Return whether the agent is ready, and its problems."""
+    status = subprocess.run(
+        command("status", "--json", "--agent", process.popen.pid), stdout=subprocess.PIPE,
+        check=True,
+    )  # fmt: skip
+    answer = json.loads(status.stdout)
+    return answer["ready"], answer["problems"]
+
+
 def relays(writer, reader, topic="rt/a"):
     """Return whether samples pass from one client to the other through new endpoints."""
     end = reader.reader("node", topic, TYPE)
@@ -104,11 +115,14 @@ def test_a_bad_new_file_is_named_and_the_old_rules_stay(client, connected, tmp_p
             assert about.endswith("(the former rules stay in use)")
         rules.unlink()
         assert reloaded(process, "not reloaded").startswith(f"{rules}: No such file")
+        problem = "the last reload was refused, and a restart would fail: "
+        assert problems(process) == (True, [f"{problem}{rules}: No such file or directory"])
         assert one.ping()
         connected(port, 2)
         assert client(port, 3).open() == ids.STATUS_ERR_DENIED
         rules.write_text(good)
         assert reloaded(process) == "clients: 2"
+        assert problems(process) == (True, [])
         assert process.end() == 0
 
 
@@ -145,7 +159,16 @@ def test_what_needs_a_restart_is_named_and_the_rest_is_used(tmp_path):
         )
         about = reloaded(process, "restart needed")
         assert about == ("changed, and used from the next start on: max_memory, state, transports")
-        assert reloaded(process) == "clients: 0"
+        assert reloaded(process, "restart needed") == about  # it still is
+        config.write_text(text.replace("port = 0", "port = 7"))
+        about = reloaded(process, "restart needed")
+        assert about == "changed, and used from the next start on: transports"
+        config.write_text(text)  # as at the start
+        process.text = ""
+        for times in (1, 2):
+            hang_up(process)
+            process.until(rf"(?s)(rules reloaded.*){{{times}}}")
+        assert "restart needed" not in process.text
         config.write_text("[agent]\nverbos = 3\n")
         about = reloaded(process, "not reloaded")
         assert about.startswith(f"{config}:2: [agent] has no 'verbos'; did you mean 'verbose'?")
