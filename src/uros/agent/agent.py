@@ -138,7 +138,7 @@ class Agent:
         self._check()
 
     def _refused_connection(self, rule: str, address: str, why: str) -> None:
-        self.refusals.count("connection", rule, address, why)
+        self.refusals.count("connection", rule, address, why, self.clock.monotonic())
 
     def _check(self) -> None:
         pause = CHECK_MS / 1000
@@ -325,11 +325,12 @@ class Agent:
         count = self.unmatched_faults.admit(f"outside {host}")
         if count:
             address, reason = transport.address(peer), ADDRESS_NOT_ALLOWED
+            now = self.clock.monotonic()
             key = requested_key(message)
             if key is not None:
-                self.refusals.note(key, reason, address, self.clock.monotonic(), count)
+                self.refusals.note(key, reason, address, now, count)
             else:
-                self.refusals.count("connection", "allow_net", address, reason, times=count)
+                self.refusals.count("connection", "allow_net", address, reason, now, times=count)
             self.log.warning(
                 transport.name, "receive", reason,
                 f"address: {address}, it is in no network of --allow-net"
@@ -417,6 +418,7 @@ class Agent:
         self._admit(transport, peer, key, request)
         client = self.clients[key]
         self.line_loss.watch(client)  # its board may have been unplugged meanwhile
+        client.resumed_at = client.session.heard
         return client
 
     def _move(self, client: ProxyClient, transport: ServerTransport, peer: Any) -> None:

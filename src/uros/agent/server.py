@@ -60,6 +60,7 @@ class Server:
         asleep: Whether the loop waits for an event; for a watchdog.
         thread: The ident of the thread of :meth:`run`, or None.
         ready: Set when everything is open, and when :meth:`run` ends.
+        config_file: The absolute path of the configuration file; "" without one.
         troubles: Functions that return what is wrong with a part of the agent; "" if nothing is.
 
     Args:
@@ -97,6 +98,7 @@ class Server:
         agent.time_budget.enabled = True
         agent.close_queue.schedule = lambda: self.wake_at(PAUSE, agent.close_queue.work)
         self.ready = threading.Event()
+        self.config_file = ""
         self.troubles: list[Callable[[], str]] = []
 
     # --- what transports call (see transports.base.Host) -------------------------

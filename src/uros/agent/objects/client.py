@@ -83,6 +83,9 @@ class ProxyClient:
         self.born = agent.clock.monotonic()
         # The client's own time minus ours, in seconds, when its last TIMESTAMP came.
         self.clock_offset: float | None = None
+        # Session.heard when the client was restored after a restart of the agent; None for one
+        # that has created its session since.
+        self.resumed_at: int | None = None
         # Why the objects that it wanted and does not have were refused, by their ids.
         self.refused: dict[int, str] = {}
         self._agent = agent
@@ -213,7 +216,8 @@ class ProxyClient:
     def _refused(self, kind: int, object_id: int, why: str, status: int) -> None:
         agent, rule = self._agent, ids.status_name(status).lower().removeprefix("err_")
         about = f"{object_label(object_id)}: {why}"
-        agent.refusals.count("request", rule, agent.address(self.key), about, self.key)
+        address, now = agent.address(self.key), agent.clock.monotonic()
+        agent.refusals.count("request", rule, address, about, now, self.key)
         if object_id not in self.objects and len(self.refused) < _MAX_REFUSED:
             self.refused[object_id] = why[:_MAX_WHY]
         times = self._agent.faults.times(f"{self.key:08X} {object_id:04X} {why[:80]}")

@@ -4,8 +4,9 @@ It is made in the server's thread, in pieces, so that boards are served between 
 four thousand clients has megabytes. Texts of clients, such as names, are cut to a length.
 
 ``clock_offset`` is the client's own time minus the agent's at its last TIMESTAMP, null before; a C
-client sends the time since its start there. ``rate`` is messages a second, and ``recent`` are
-counts, over the last ``rate_over`` seconds. ``round_trip`` is the mean time in seconds, in that
+client sends the time since its start there. ``heard_since_restart`` is false for a client that was
+restored from a state file and has sent nothing since. ``rate`` is messages a second, and ``recent``
+are counts, over the last ``rate_over`` seconds. ``round_trip`` is the mean time in seconds, in that
 time, from the last sending of a message to its acknowledgement, null without one;
 ``unacknowledged_for`` is the time since the oldest message without one was sent.
 """
@@ -144,7 +145,9 @@ def pieces(server: Server, rates: Rates | None = None) -> Iterator[str]:
     agent = server.agent
     rates = rates or Rates(agent.clients)
     ready, problems = readiness(server)
+    now = agent.clock.monotonic()
     judged = {
+        "config": server.config_file or None,
         "ready": ready,
         "problems": [cut(problem) for problem in problems],
         "refusals": [
@@ -152,10 +155,11 @@ def pieces(server: Server, rates: Rates | None = None) -> Iterator[str]:
                 "kind": kind,
                 "rule": rule,
                 "times": agent.refusals.counts[kind, rule],
-                "address": cut(address),
-                "why": cut(why),
+                "address": cut(latest.address),
+                "why": cut(latest.why),
+                "ago": round(now - latest.when, 3),
             }
-            for (kind, rule), (address, why) in agent.refusals.latest.items()
+            for (kind, rule), latest in agent.refusals.latest.items()
         ],
     }
     yield _text({**head(server), **judged})[:-1] + ',"clients":['
@@ -280,6 +284,7 @@ def board(server: Server, client: ProxyClient, rates: Rates) -> dict[str, Any]:
         "mtu": session.mtu,
         "age": round(now - client.born, 3),
         "heard_ago": round(rates.heard_ago(client, now, ticks), 3),
+        "heard_since_restart": client.resumed_at != session.heard,
         "line_lost": transport.is_away(peer),
         "unanswered": agent.liveliness.is_unanswered(client),
         "nodes": [

@@ -194,6 +194,20 @@ class RefusalEvent(NamedTuple):
     times: int
 
 
+class LatestRefusal(NamedTuple):
+    """The latest refusal of one kind by one rule.
+
+    Attributes:
+        address: Where it came from.
+        why: The reason, for people.
+        when: Seconds of the monotonic clock.
+    """
+
+    address: str
+    why: str
+    when: float
+
+
 # The rules that refuse boards, by the beginning of the reason.
 _RULES: Final = (
     (KEY_IN_USE, "key_in_use"), (KEY_NOT_ALLOWED, "allow_key"), (ADDRESS_NOT_ALLOWED, "allow_net"),
@@ -206,29 +220,30 @@ class Refusals(dict[int, Refusal]):
 
     Attributes:
         counts: How many refusals there were, by kind and rule.
-        latest: Address and reason of the latest one, by kind and rule.
+        latest: The latest one, by kind and rule.
         listeners: Called with each refusal.
     """
 
     def __init__(self) -> None:
         super().__init__()
         self.counts: Counter[tuple[str, str]] = Counter()
-        self.latest: dict[tuple[str, str], tuple[str, str]] = {}
+        self.latest: dict[tuple[str, str], LatestRefusal] = {}
         self.listeners: list[Callable[[RefusalEvent], None]] = []
 
     def count(
-        self, kind: str, rule: str, address: str, why: str, key: int = 0, times: int = 1
-    ) -> None:
+        self, kind: str, rule: str, address: str, why: str, when: float, key: int = 0,
+        times: int = 1,
+    ) -> None:  # fmt: skip
         """Count something that was refused, and tell the listeners."""
         self.counts[kind, rule] += times
-        self.latest[kind, rule] = address, why
+        self.latest[kind, rule] = LatestRefusal(address, why, when)
         for listener in self.listeners:
             listener(RefusalEvent(kind, rule, key, address, why, times))
 
     def note(self, key: int, why: str, address: str, when: float, times: int = 1) -> None:
         """Record a refusal of a board, or ``times`` of them."""
         rule = next(rule for start, rule in _RULES if why.startswith(start))
-        self.count("board", rule, address, why, key, times)
+        self.count("board", rule, address, why, when, key, times)
         before = self.pop(key, None)
         if before is not None and before.why == why:
             times += before.times

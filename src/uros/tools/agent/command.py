@@ -284,6 +284,7 @@ def _serve(
         settings.rules, settings.admission, options.dead_time, limits.make_limits(options),
     )  # fmt: skip
     server = Server(agent, transports)
+    server.config_file = os.path.abspath(options.config) if options.config else ""
     # Before the first log line: a parent may wait for it to signal us.
     _act_on_signals(server, Reloader(server, settings, read))
     watchdog = Watchdog(server, log)

@@ -46,7 +46,7 @@ def lines_of(path):
 
 def count(agent, *event, **more):
     """Count a refusal in the thread of the server."""
-    agent.server.soon(lambda: agent.agent.refusals.count(*event, **more))
+    agent.server.soon(lambda: agent.agent.refusals.count(*event, when=0.0, **more))
 
 
 def open_status(agent, key):
@@ -151,10 +151,10 @@ def test_a_flood_of_refusals_writes_few_lines_and_each_is_counted(audited):
 
     def flood():
         for number in range(5000):
-            agent.agent.refusals.count("board", "allow_key", "1.2.3.4:5", "no", key=number + 1)
+            agent.agent.refusals.count("board", "allow_key", "1.2.3.4:5", "no", 0.0, number + 1)
         for number in range(5000):
             host = f"1.2.{number // 250}.{number % 250}"
-            agent.agent.refusals.count("board", "allow_net", f"{host}:5", "no")
+            agent.agent.refusals.count("board", "allow_net", f"{host}:5", "no", 0.0)
 
     agent.server.soon(flood)
     eventually(lambda: agent.agent.refusals.counts["board", "allow_net"] == 5000)

@@ -56,6 +56,7 @@ class Owner:
         self.transports = [self.desk.place]
         self.started = time.monotonic()
         self.middleware_fails = False
+        self.config_file = ""
         self.troubles = []
         self.calls = []
 
@@ -94,8 +95,9 @@ def test_a_board_with_a_publisher_and_a_subscription(owner):
         board.send(write_data(WRITER, SAMPLE))
     snapshot_taken = owner.see()
     assert set(snapshot_taken) == {
-        "version", "pid", "uptime", "middleware", "rss", "cpu", "fds", "limits", "max_clients",
-        "memory_full", "ready", "problems", "refusals", "transports", "clients", "refused",
+        "version", "pid", "config", "uptime", "middleware", "rss", "cpu", "fds", "limits",
+        "max_clients", "memory_full", "ready", "problems", "refusals", "transports", "clients",
+        "refused",
     }  # fmt: skip
     assert (snapshot_taken["version"], snapshot_taken["middleware"], snapshot_taken["refused"]) == (
         1,
@@ -111,9 +113,10 @@ def test_a_board_with_a_publisher_and_a_subscription(owner):
     assert (transport["name"], transport["kind"], transport["label"]) == ("TestAgent", "TEST", "")
     (client,) = snapshot_taken["clients"]
     assert set(client) == {
-        "key", "session_id", "transport", "address", "mtu", "age", "heard_ago", "line_lost",
-        "unanswered", "nodes", "objects", "refused_objects", "held", "received", "sent", "recent",
-        "rate_over", "round_trip", "unacknowledged_for", "queues", "endpoints", "clock_offset",
+        "key", "session_id", "transport", "address", "mtu", "age", "heard_ago",
+        "heard_since_restart", "line_lost", "unanswered", "nodes", "objects", "refused_objects",
+        "held", "received", "sent", "recent", "rate_over", "round_trip", "unacknowledged_for",
+        "queues", "endpoints", "clock_offset",
     }  # fmt: skip
     assert (client["key"], client["session_id"]) == (f"0x{KEY:08X}", f"0x{SESSION:02X}")
     assert (client["transport"], client["address"], client["mtu"]) == ("TestAgent", "peer 1", 512)
@@ -163,6 +166,21 @@ def test_refused_clients_with_their_reasons(owner):
     assert refusal == {
         "key": "0x00000005", "why": "client key in use", "address": "somewhere", "times": 4
     }  # fmt: skip
+
+
+def test_each_kind_of_refusal_has_its_latest_address_and_age(owner):
+    owner.agent.refusals.count("connection", "tls", "192.168.1.9:1", "no TLS", time.monotonic() - 3)
+    (refusal,) = owner.see()["refusals"]
+    assert 2.9 < refusal.pop("ago") < 30
+    assert refusal == {
+        "kind": "connection", "rule": "tls", "times": 1, "address": "192.168.1.9:1", "why": "no TLS"
+    }  # fmt: skip
+
+
+def test_the_configuration_file_of_an_agent(owner):
+    assert owner.see()["config"] is None
+    owner.config_file = "/etc/uros/hall.toml"
+    assert owner.see()["config"] == "/etc/uros/hall.toml"
 
 
 def test_a_clients_clock(owner):

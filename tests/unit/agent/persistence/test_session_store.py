@@ -18,6 +18,7 @@ from unit.agent.helpers import Desk
 from uros.agent.log import Log
 from uros.agent.objects import client as agent_client
 from uros.agent.objects.kinds import key_label
+from uros.agent.observability import snapshot
 from uros.agent.persistence import journal, restore
 from uros.agent.persistence import session_store as module
 from uros.agent.persistence import write_cursor as module_of_cursors
@@ -464,6 +465,22 @@ def helpers_endpoint(w, *values):
     from uros.wire import entities
 
     entities.push_binary_endpoint(w, *values)
+
+
+def test_the_state_tells_whether_a_client_was_heard_since_the_restart(world):
+    client = publisher(world)
+
+    def heard():
+        (proxy,) = world.desk.agent.clients.values()
+        server = SimpleNamespace(agent=world.desk.agent)
+        return snapshot.board(server, proxy, snapshot.Rates({}))["heard_since_restart"]
+
+    assert heard()
+    world.restart()
+    world.wait(5000)
+    assert not heard()
+    client.write(0x15, number(1))
+    assert heard()
 
 
 def test_a_client_that_closed_its_session_is_not_restored(world):
