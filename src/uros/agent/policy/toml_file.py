@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from bisect import bisect_left
 from pathlib import Path
@@ -13,6 +14,27 @@ from .config_values import ConfigError
 MAX_FILE: Final = 1024 * 1024
 
 _MISSING: Final = object()
+# Where tomllib and tomli see a fault.
+_AT_LINE: Final = re.compile(r"\(at line (\d+), column \d+\)$")
+
+
+class TomlError(ConfigError):
+    """A file is no TOML.
+
+    Attributes:
+        line: The line of the fault, from 1.
+        reason: What is wrong, without the path.
+
+    Args:
+        path: The file.
+        line: The line of the fault.
+        reason: What is wrong.
+    """
+
+    def __init__(self, path: str, line: int, reason: str) -> None:
+        super().__init__(f"{path}: {reason}")
+        self.line = line
+        self.reason = reason
 
 
 def _parse(text: str) -> dict[str, Any]:
@@ -26,7 +48,7 @@ def _parse(text: str) -> dict[str, Any]:
 
 
 class TomlFile:
-    """A TOML file.
+    """A TOML file; it may begin with a byte order mark, as some editors write it.
 
     Attributes:
         path: Its path.
@@ -36,7 +58,8 @@ class TomlFile:
         path: Its path.
 
     Raises:
-        ConfigError: It cannot be read, or is no TOML; the text has the path.
+        ConfigError: It cannot be read; the text has the path.
+        TomlError: It is no TOML.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -50,10 +73,10 @@ class TomlFile:
         if len(raw) > MAX_FILE:
             raise ConfigError(f"{path}: over {MAX_FILE} bytes")
         try:
-            text = raw.decode("utf-8")
+            text = raw.decode("utf-8-sig")
             self.content: dict[str, Any] = _parse(text)
         except (ValueError, RecursionError) as error:  # also for a number of over 4300 digits
-            raise ConfigError(f"{path}: no TOML: {error}") from error
+            raise TomlError(self.path, _line_of(error, raw), f"no TOML: {error}") from error
         self._lines = text.splitlines(keepends=True)
 
     def line(self, *keys: str | int) -> int:
@@ -94,6 +117,17 @@ class TomlFile:
             except ValueError:
                 number -= 1  # within an array or a text of several lines
         return 0, {}
+
+
+def _line_of(error: Exception, raw: bytes) -> int:
+    """Return the line of a fault in the bytes of a file; 1 if the error does not tell it."""
+    if isinstance(error, UnicodeDecodeError):
+        return raw.count(b"\n", 0, error.start) + 1
+    if found := _AT_LINE.search(str(error)):
+        return int(found[1])
+    if str(error).endswith("(at end of document)"):
+        return max(1, len(raw.splitlines()))
+    return 1
 
 
 def _at(content: Any, keys: tuple[str | int, ...]) -> Any:

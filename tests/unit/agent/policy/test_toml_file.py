@@ -3,7 +3,7 @@
 import pytest
 
 from uros.agent.policy.config_values import ConfigError
-from uros.agent.policy.toml_file import MAX_FILE, TomlFile
+from uros.agent.policy.toml_file import MAX_FILE, TomlError, TomlFile
 
 TEXT = """\
 # a comment
@@ -93,3 +93,32 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path):
         TomlFile(tmp_path / "none")
     with pytest.raises(ConfigError, match="null"):
         TomlFile("a\0b")
+
+
+def test_a_byte_order_mark_is_skipped(tmp_path):
+    path = tmp_path / "a.toml"
+    path.write_bytes(b"\xef\xbb\xbf[agent]\nverbose = 5\n")
+    file = TomlFile(path)
+    assert file.content == {"agent": {"verbose": 5}}
+    assert file.line("agent", "verbose") == 2
+
+
+@pytest.mark.parametrize(
+    ("raw", "line"),
+    [
+        (b"[agent]\nverbose = \n", 2),
+        (b"[agent]\n\n[agent]\nverbose = 1\n", 3),
+        (b"[agent]\nrefs = [\n  1,\n", 3),
+        (b"[agent]\nname = '\xff'\n", 2),
+        (b"a = " + b"[" * 5000, 1),
+        (b"\na = " + b"1" * 5000, 1),
+    ],
+)
+def test_a_fault_has_the_line_that_the_parser_tells(tmp_path, raw, line):
+    path = tmp_path / "a.toml"
+    path.write_bytes(raw)
+    with pytest.raises(TomlError) as error:
+        TomlFile(path)
+    assert error.value.line == line
+    assert str(error.value) == f"{path}: {error.value.reason}"
+    assert error.value.reason.startswith("no TOML: ")
