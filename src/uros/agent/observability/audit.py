@@ -187,17 +187,27 @@ def _open_locked(path: str) -> int:
     return file
 
 
+def check_audit_file(path: str) -> None:
+    """Check what an audit file has now; it is only read.
+
+    Raises:
+        AuditError: It exists and is no audit file.
+        OSError: It cannot be read.
+    """
+    if os.path.isfile(path):
+        with open(path, "rb") as existing:
+            beginning = existing.read(len(_BEGINNING))
+        if beginning and beginning != _BEGINNING:
+            raise AuditError(
+                f"--audit {path}: it is there already and no audit file, so it is not changed:"
+                " name another file, or remove that one"
+            )
+
+
 def _open(path: str) -> tuple[int, int]:
     """Open the file to append to it; return its descriptor and its size."""
     try:
-        if os.path.isfile(path):
-            with open(path, "rb") as existing:
-                beginning = existing.read(len(_BEGINNING))
-            if beginning and beginning != _BEGINNING:
-                raise AuditError(
-                    f"--audit {path}: it is there already and no audit file, so it is not changed:"
-                    " name another file, or remove that one"
-                )
+        check_audit_file(path)
         file = _open_locked(path)
     except BlockingIOError:
         raise AuditError(

@@ -276,12 +276,7 @@ def _open(path: str) -> tuple[int, bool]:
     """Open an empty file; return its descriptor, and whether it can be renamed."""
     file = -1
     try:
-        for name in (path, f"{path}.1"):
-            if os.path.isfile(name) and not is_capture(name):
-                raise CaptureError(
-                    f"--capture {path}: {name} is there already and no capture, so it is not"
-                    " overwritten: name another file, or remove that one"
-                )
+        check_capture_file(path)
         # A pipe that nobody reads yet must not keep the agent from starting.
         piped = os.path.exists(path) and stat.S_ISFIFO(os.stat(path).st_mode)
         if os.path.isfile(path) and os.path.getsize(path):
@@ -305,6 +300,21 @@ def _open(path: str) -> tuple[int, bool]:
             " folder that exists and that you may write to"
         ) from error
     return file, regular
+
+
+def check_capture_file(path: str) -> None:
+    """Check that a capture overwrites nothing else; the files are only read.
+
+    Raises:
+        CaptureError: The file, or the one that it is renamed to, exists and is no capture.
+        OSError: It cannot be read.
+    """
+    for name in (path, f"{path}.1"):
+        if os.path.isfile(name) and not is_capture(name):
+            raise CaptureError(
+                f"--capture {path}: {name} is there already and no capture, so it is not"
+                " overwritten: name another file, or remove that one"
+            )
 
 
 def _check_free(path: str) -> None:

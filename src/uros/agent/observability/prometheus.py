@@ -206,19 +206,10 @@ class Metrics:
             raise TransportError(errno.ENOSYS, _NOT_INSTALLED) from error
         try:
             self._http = _Http(self.host, self.port, server)
-        except socket.gaierror as error:
-            text = f"--metrics: there is no host {self.host}: give an address of this machine"
-            raise TransportError(error.errno, text) from error
         except OSError as error:
-            reason = bind_trouble("TCP", self.port, error, "--metrics")
-            if error.errno == errno.EADDRNOTAVAIL:
-                reason = address_trouble("TCP", self.host, self.port)
-            elif error.errno == errno.EADDRINUSE:
-                reason = (
-                    f"--metrics: TCP port {self.port} is in use, perhaps by another agent: choose"
-                    " another, or 0 for any that is free"
-                )
-            raise TransportError(error.errno, reason) from error
+            raise TransportError(
+                error.errno, listen_trouble(self.host, self.port, error)
+            ) from error
         self.host, self.port = self._http.host, self._http.port
         self._http.start()
         url = f"http://{text_of((self.host, self.port))}/metrics"
@@ -229,6 +220,20 @@ class Metrics:
         http, self._http = self._http, None
         if http is not None:
             http.close()
+
+
+def listen_trouble(host: str, port: int, error: OSError) -> str:
+    """Explain why the metrics cannot be served at an address, with the remedy."""
+    if isinstance(error, socket.gaierror):
+        return f"--metrics: there is no host {host}: give an address of this machine"
+    if error.errno == errno.EADDRNOTAVAIL:
+        return address_trouble("TCP", host, port)
+    if error.errno == errno.EADDRINUSE:
+        return (
+            f"--metrics: TCP port {port} is in use, perhaps by another agent: choose another, or 0"
+            " for any that is free"
+        )
+    return bind_trouble("TCP", port, error, "--metrics")
 
 
 class _Http(HttpServer):

@@ -391,8 +391,7 @@ def open_journal(path: str) -> Journal:
         JournalError: The file is no state file, of another version, in use, or no regular file.
             It is not changed then.
     """
-    if fcntl is None:
-        raise JournalError("--state is for systems with file locks, such as Linux and macOS")
+    _check_system()
     try:
         path = os.path.realpath(path)
         for _ in range(_TRIES):
@@ -416,6 +415,33 @@ def open_journal(path: str) -> Journal:
     except ValueError as error:  # a NUL in the name
         raise JournalError(f"--state {path!r}: {error}") from error
     raise _in_use(path)
+
+
+def check_state_file(path: str) -> None:
+    """Check what a state file has now; nothing is created, changed or locked.
+
+    Raises:
+        JournalError: An agent would refuse the file for its kind or its content.
+    """
+    _check_system()
+    try:
+        path = os.path.realpath(path)
+        if not stat.S_ISREG(os.stat(path).st_mode):
+            raise _not_regular(path)
+        fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise _refusal(path, error) from error
+    try:
+        _check_content(path, fd)
+    finally:
+        os.close(fd)
+
+
+def _check_system() -> None:
+    if fcntl is None:
+        raise JournalError("--state is for systems with file locks, such as Linux and macOS")
 
 
 def _in_use(path: str) -> JournalError:
@@ -461,26 +487,31 @@ def _has_slots(fd: int) -> bool:
 
 
 def _checked(path: str, fd: int) -> Journal:
-    first = os.pread(fd, len(_MAGIC) + 8, 0)
-    if first:
-        if not first.strip(b"\0") and _has_slots(fd):
-            return Journal(path, fd)  # treated as damaged, as its head is missing
-        if not first.startswith(_MAGIC):
-            raise JournalError(
-                f"--state {path}: it is no state file of uros and is not changed: give another path"
-            )
-        version = first[len(_MAGIC) :].split(b"\n")[0]
-        if version != _VERSION:
-            text = version.decode("ascii", "replace")
-            if text.isdecimal() and int(text) > int(_VERSION):
-                raise JournalError(
-                    f"--state {path}: a newer uros wrote it (format {text}, this one has"
-                    f" {_VERSION.decode()}) and it is not changed: start that version again, or"
-                    " name another file (boards then start anew)"
-                )
-            raise JournalError(
-                f"--state {path}: it is of another version of uros ({text!r}) and is not"
-                " changed: use that version, or remove the file (boards then start anew)"
-            )
+    if _check_content(path, fd):
         os.fchmod(fd, 0o600)
     return Journal(path, fd)
+
+
+def _check_content(path: str, fd: int) -> bool:
+    """Raise JournalError for another file than a state file; return whether it has a head."""
+    first = os.pread(fd, len(_MAGIC) + 8, 0)
+    if not first or (not first.strip(b"\0") and _has_slots(fd)):
+        return False  # empty, or treated as damaged, as its head is missing
+    if not first.startswith(_MAGIC):
+        raise JournalError(
+            f"--state {path}: it is no state file of uros and is not changed: give another path"
+        )
+    version = first[len(_MAGIC) :].split(b"\n")[0]
+    if version != _VERSION:
+        text = version.decode("ascii", "replace")
+        if text.isdecimal() and int(text) > int(_VERSION):
+            raise JournalError(
+                f"--state {path}: a newer uros wrote it (format {text}, this one has"
+                f" {_VERSION.decode()}) and it is not changed: start that version again, or"
+                " name another file (boards then start anew)"
+            )
+        raise JournalError(
+            f"--state {path}: it is of another version of uros ({text!r}) and is not"
+            " changed: use that version, or remove the file (boards then start anew)"
+        )
+    return True
