@@ -42,11 +42,13 @@ class RevocationList(NamedTuple):
 
     Attributes:
         issuer: The encoded name of its authority.
-        ends: When the next list should have come, in seconds since 1970; None if it has no end.
+        begins: When it was made, in seconds since 1970.
+        ends: When the next list should have come; None if it has no end.
         serials: The serial numbers of the revoked certificates.
     """
 
     issuer: bytes
+    begins: float
     ends: float | None
     serials: frozenset[int]
 
@@ -79,7 +81,7 @@ def _revocation_list(der: bytes) -> RevocationList:
         del fields[0]
     if len(fields) < 3:
         raise ValueError("no revocation list")
-    issuer, rest = fields[1][2], fields[3:]
+    issuer, begins, rest = fields[1][2], _time(*fields[2][:2]), fields[3:]
     ends = None
     if rest and rest[0][0] in (_UTC_TIME, _GENERALIZED_TIME):
         ends = _time(*rest.pop(0)[:2])
@@ -87,7 +89,7 @@ def _revocation_list(der: bytes) -> RevocationList:
     if rest and rest[0][0] == _SEQUENCE:
         for _, entry, _ in _items(rest[0][1]):
             serials.add(int.from_bytes(_first(entry, _INTEGER), "big", signed=True))
-    return RevocationList(issuer, ends, frozenset(serials))
+    return RevocationList(issuer, begins, ends, frozenset(serials))
 
 
 def _blocks(pem: str, label: str) -> Iterator[bytes]:

@@ -33,7 +33,11 @@ def test_a_revocation_list_is_read(tmp_path):
     shown = [certificates_in(Path(file).read_text())[0] for file in files]
     assert found.serials == {each.serial for each in shown}
     assert found.issuer == shown[0].issuer
-    (empty,) = revocation_lists_in(Path(ca.revoke(days=1)).read_text())
+    text = Path(ca.revoke(days=1)).read_text()
+    (empty,) = revocation_lists_in(text)
+    other = x509.load_pem_x509_crl(text.encode())
+    assert empty.begins == other.last_update_utc.timestamp()
+    assert empty.ends == other.next_update_utc.timestamp()
     assert empty.serials == frozenset()
 
 
