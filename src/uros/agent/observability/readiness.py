@@ -12,7 +12,7 @@ class Readiness(NamedTuple):
     """Whether an agent can serve boards.
 
     Attributes:
-        ready: Whether a board can connect: a transport is open, and there is memory.
+        ready: Whether a board can connect: a transport admits boards, and there is memory.
         problems: What is wrong, each with the remedy; an agent may be ready with problems.
     """
 
@@ -22,10 +22,13 @@ class Readiness(NamedTuple):
 
 def readiness(server: Server) -> Readiness:
     """Return whether the agent can serve boards; costs some microseconds."""
-    agent = server.agent
-    waiting = [transport for transport in server.transports if transport.is_waiting()]
-    problems = [f"{transport.label()}: the agent waits for it" for transport in waiting]
-    ready = len(waiting) < len(server.transports)
+    agent, now = server.agent, server.clock.time_ns() / 1e9
+    problems: list[str] = []
+    for transport in server.transports:
+        if transport.is_waiting():
+            problems.append(f"{transport.label()}: the agent waits for it")
+        problems += [f"{transport.label()}: {trouble}" for trouble in transport.troubles(now)]
+    ready = any(transport.admits_boards(now) for transport in server.transports)
     if agent.budget.full:
         problems.append("the memory for boards is used up (see --max-memory)")
         ready = False

@@ -145,6 +145,26 @@ class ServerTransport(ABC):
         """Return whether it waits for its device or peer, so that no board can connect by it."""
         return False
 
+    def admits_boards(self, now: float) -> bool:
+        """Return whether a board can connect by it.
+
+        Args:
+            now: The time in seconds since 1970.
+        """
+        return not self.is_waiting()
+
+    def troubles(self, now: float) -> list[str]:
+        """Return what is wrong with its files now, with the remedies; takes microseconds.
+
+        Args:
+            now: The time in seconds since 1970.
+        """
+        return []
+
+    def not_after(self) -> dict[str, float]:
+        """Return when each of its files ends, in seconds since 1970, by the file's option."""
+        return {}
+
     def doubts(self, now: float) -> list[str]:
         """Return what will keep boards from connecting, today or soon, with the remedies.
 

@@ -48,7 +48,7 @@ class Certificates:
         self._revocations: list[RevocationList] = []
         self._context = self._load()
         self._seen = self._look()
-        self._broken = False  # the files cannot be used since their last change
+        self._refused = ""  # why the files cannot be used since their last change
 
     def context(self) -> ssl.SSLContext:
         """Return the context for the next handshake; files that changed are loaded again.
@@ -57,7 +57,7 @@ class Certificates:
         context stays in use.
         """
         stamps = self._look()
-        full = not self._broken and self._context.session_stats()["number"] > MAX_SESSIONS
+        full = not self._refused and self._context.session_stats()["number"] > MAX_SESSIONS
         if full or stamps != self._seen:
             self._seen = stamps
             self.reload()
@@ -68,9 +68,12 @@ class Certificates:
 
         Clients of open connections stay, but see :meth:`is_revoked`.
         """
-        self._broken = True
-        self._context = self._load()
-        self._broken = False
+        try:
+            self._context = self._load()
+        except TransportError as error:
+            self._refused = error.strerror or str(error)
+            raise
+        self._refused = ""
 
     def is_revoked(self, der: bytes) -> bool:
         """Return whether a revocation list has the certificate, which is in DER form."""
@@ -187,9 +190,80 @@ class Certificates:
         Args:
             now: The time in seconds since 1970.
         """
+        found = self._ended(now, SOON)
+        if self._without_list():
+            found.append(self._no_list())
+        if not any(f"--tls-cert {self.cert}" in each for each in found) and (why := self.doubt()):
+            found.append(f"--tls-cert {self.cert}: {why}; make a new one ({_HELP})")
+        return found
+
+    def troubles(self, now: float) -> list[str]:
+        """Return which files have ended, and why new ones are refused; each with the remedy.
+
+        Args:
+            now: The time in seconds since 1970.
+        """
+        found = self._ended(now, 0.0)
+        # A CA that signs only another one, which signs the boards' certificates, needs no list.
+        if self._authorities and len(self._without_list()) == len(self._authorities):
+            found.append(self._no_list())
+        if self._refused:
+            found.append(f"new files are refused, and a restart would fail: {self._refused}")
+        return found
+
+    def admits_boards(self, now: float) -> bool:
+        """Return whether the dates of the files let any board connect.
+
+        Boards that verify the agent refuse a certificate that has ended, and the agent refuses
+        boards of a CA that has ended, or that has no revocation list of today.
+
+        Args:
+            now: The time in seconds since 1970.
+        """
+        current = {
+            revoked.issuer
+            for revoked in self._revocations
+            if revoked.ends is None or now <= revoked.ends
+        }
+        admitting = (
+            _is_valid(each, now) and (not self._revocations or each.subject in current)
+            for each in self._authorities
+        )
+        own = self._own[:1]
+        return all(_is_valid(each, now) for each in own) and (
+            not self._authorities or any(admitting)
+        )
+
+    def not_after(self) -> dict[str, float]:
+        """Return when the first certificate or list in each file ends, in seconds since 1970.
+
+        The keys are those of the options, such as ``tls_cert``. A file without an end is missing.
+        """
+        ends = {
+            "tls_cert": [each.ends for each in self._own[:1]],
+            "tls_ca": [each.ends for each in self._authorities],
+            "tls_crl": [each.ends for each in self._revocations if each.ends is not None],
+        }
+        return {option: min(times) for option, times in ends.items() if times}
+
+    def _without_list(self) -> list[Certificate]:
+        """Return the CAs of which the file of revocation lists has none."""
+        if not self._revocations:
+            return []
+        listed = {revoked.issuer for revoked in self._revocations}
+        return [each for each in self._authorities if each.subject not in listed]
+
+    def _no_list(self) -> str:
+        return (
+            f"--tls-crl {self.crl}: it has no list of one of the CAs of {self.ca}, so no board of"
+            f" that CA is admitted: append its list; {_HELP}"
+        )
+
+    def _ended(self, now: float, soon: float) -> list[str]:
+        """Return what has ended, or ends within ``soon`` seconds; each with the remedy."""
         found = [
-            *_dates("--tls-cert", self.cert, self._own[:1], now),
-            *_dates("--tls-ca", self.ca or "", self._authorities, now),
+            *_dates("--tls-cert", self.cert, self._own[:1], now, soon),
+            *_dates("--tls-ca", self.ca or "", self._authorities, now, soon),
         ]
         for revoked in self._revocations:
             if revoked.ends is not None and revoked.ends < now:
@@ -197,17 +271,9 @@ class Certificates:
                     f"--tls-crl {self.crl}: a revocation list ended on {_day(revoked.ends)}, so no"
                     f" board of its CA is admitted: make a new one; {_HELP}"
                 )
-            elif revoked.ends is not None and revoked.ends < now + SOON:
+            elif revoked.ends is not None and revoked.ends < now + soon:
                 found.append(f"--tls-crl {self.crl}: a revocation list ends on"
                              f" {_day(revoked.ends)}: make a new one before")  # fmt: skip
-        listed = {revoked.issuer for revoked in self._revocations}
-        if self.crl and any(each.subject not in listed for each in self._authorities):
-            found.append(
-                f"--tls-crl {self.crl}: it has no list of one of the CAs of {self.ca}, so no board"
-                f" of that CA is admitted: append its list; {_HELP}"
-            )
-        if not any(f"--tls-cert {self.cert}" in each for each in found) and (why := self.doubt()):
-            found.append(f"--tls-cert {self.cert}: {why}; make a new one ({_HELP})")
         return found
 
     def doubt(self) -> str:
@@ -249,8 +315,12 @@ def _known(read: Callable[[str], list[_T]], pem: str) -> list[_T]:
         return []
 
 
-def _dates(option: str, path: str, files: list[Certificate], now: float) -> list[str]:
-    """Return which of the certificates in a file are not valid, or not for long."""
+def _is_valid(each: Certificate, now: float) -> bool:
+    return each.begins <= now <= each.ends
+
+
+def _dates(option: str, path: str, files: list[Certificate], now: float, soon: float) -> list[str]:
+    """Return which of the certificates in a file are not valid, or end within ``soon`` seconds."""
     found = []
     for each in files:
         if each.ends < now:
@@ -260,7 +330,7 @@ def _dates(option: str, path: str, files: list[Certificate], now: float) -> list
                 f"{option} {path} is valid from {_day(each.begins)} on: is this machine's clock"
                 " right?"
             )
-        elif each.ends < now + SOON:
+        elif each.ends < now + soon:
             found.append(
                 f"{option} {path} expires on {_day(each.ends)}: make a new one before; {_HELP}"
             )

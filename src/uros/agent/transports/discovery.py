@@ -110,6 +110,10 @@ class DiscoveryServer(ServerTransport):
         self._trouble: dict[str, str] = {}
         self._fault_lines = RateLimit(FAULT_PAUSE)
 
+    def admits_boards(self, now: float) -> bool:
+        """Return False: it has no sessions."""
+        return False
+
     # --- sockets ------------------------------------------------------------------
 
     def open(self, host: Host) -> None:

@@ -20,7 +20,6 @@ from ...token_bucket import TokenBucket
 from ..log import RateLimit
 from .base import INFO, WARNING, Host, TransportError
 from .certificates import Certificates
-from .ip import text_of
 from .tcp import TcpServer
 
 # The longest time of a handshake, which may stop half-way. A board computes for some seconds.
@@ -124,6 +123,18 @@ class TlsServer(TcpServer):
         """Return what will keep boards from connecting, today or soon."""
         return self._certificates.doubts(now)
 
+    def admits_boards(self, now: float) -> bool:
+        """Return whether the dates of its files let any board connect."""
+        return self._certificates.admits_boards(now)
+
+    def troubles(self, now: float) -> list[str]:
+        """Return which files have ended, and why new ones are refused."""
+        return self._certificates.troubles(now)
+
+    def not_after(self) -> dict[str, float]:
+        """Return when each of its files ends, by the file's option."""
+        return self._certificates.not_after()
+
     def reload(self) -> None:
         """Use the certificates, the CA and the revocation list that the files have now."""
         try:
@@ -132,7 +143,11 @@ class TlsServer(TcpServer):
             self._tell("cannot use new files", f"{error.strerror}; the former ones stay in use")
             return
         self._context = self._certificates.context()
-        self._host.note(INFO, self.name, "tls", "certificates loaded", self._certificates.cert)
+        files = self._certificates
+        authority = f", CA: {files.ca}" if files.ca else ""
+        revocations = f", revocation list: {files.crl}" if files.crl else ""
+        about = f"certificate: {files.cert}{authority}{revocations}"
+        self._host.note(INFO, self.name, "tls", "certificates loaded", about)
         self._note_doubts()
         self._close_revoked()
 
@@ -313,7 +328,7 @@ class TlsServer(TcpServer):
 
     def _fault(self, connection: Any, why: str) -> None:
         """Log a fault of a connection, and drop it."""
-        address = text_of(connection.address)
+        address = self.address(connection)
         self.on_refused("tls", address, why)
         self._tell("no TLS connection", why, f"address: {address}, ")
         self._drop(connection)

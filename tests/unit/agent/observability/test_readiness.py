@@ -1,13 +1,16 @@
 """Whether an agent can serve boards: over HTTP, in the status, by an exit status."""
 
+import datetime
 import json
 import os
 import subprocess
 import sys
 import threading
 import urllib.error
+from pathlib import Path
 
 import pytest
+from support.certificates import Authority
 from support.lines import SECONDS
 from support.waiting import eventually
 from unit.agent.observability.test_prometheus import board, get, measured, status
@@ -15,6 +18,10 @@ from unit.agent.transports.test_process import agent as process
 
 from uros.agent.observability import prometheus
 from uros.agent.observability.readiness import readiness
+from uros.agent.transports.certificates import Certificates
+from uros.agent.transports.discovery import DiscoveryServer
+from uros.agent.transports.memory import MemoryServer
+from uros.agent.transports.tls import TlsServer
 
 
 def judged(running):
@@ -51,12 +58,65 @@ def test_an_agent_that_waits_for_its_only_device_is_not_ready_but_healthy():
 
 def test_an_agent_with_a_second_transport_is_ready_with_a_problem():
     with measured() as running:
-        waiting = type("Waiting", (), {"is_waiting": lambda _: True, "label": lambda _: "/dev/x"})
+        waiting = MemoryServer()
+        waiting.is_waiting, waiting.label = lambda: True, lambda: "/dev/x"
         transports = running.server.transports
-        running.server.transports = [*transports, waiting()]
+        running.server.transports = [*transports, waiting]
         answer = judged(running)
         running.server.transports = transports
         assert answer == (200, {"ready": True, "problems": ["/dev/x: the agent waits for it"]})
+
+
+def test_an_agent_that_waits_and_only_answers_questions_for_agents_is_not_ready():
+    with measured("serial") as running:
+        running.server.transports.append(DiscoveryServer([]))
+        stream, running.transport.line.stream = running.transport.line.stream, None
+        assert judged(running)[0] == 503
+        running.transport.line.stream = stream
+        assert judged(running)[0] == 200
+        running.server.transports.pop()
+
+
+def test_files_of_tls_that_have_ended_let_no_board_connect(tmp_path):
+    ca = Authority(tmp_path / "current")
+    yesterday = datetime.datetime.now(datetime.timezone.utc) - datetime.timedelta(1)
+    old = Certificates(*Authority(tmp_path / "old").agent(not_after=yesterday))
+    ended = Certificates(*ca.agent(), ca.ca, ca.revoke(days=-1))
+    for files, said in (
+        (old, f"--tls-cert {old.cert} expired on {yesterday:%Y-%m-%d}: make a new one"),
+        (ended, f"--tls-crl {ended.crl}: a revocation list ended on"),
+    ):
+        with measured(TlsServer(0, "127.0.0.1", files)) as running:
+            code, answer = judged(running)
+            (problem,) = answer["problems"]
+            assert (code, answer["ready"]) == (503, False)
+            assert problem.startswith(f"{running.transport.label()}: {said}")
+            running.server.transports.append(MemoryServer())
+            assert judged(running)[1] == {"ready": True, "problems": [problem]}
+            running.server.transports.pop()
+
+
+def test_new_files_of_tls_that_are_refused_are_a_problem_until_they_are_mended(tmp_path):
+    ca = Authority(tmp_path)
+    cert, key = ca.agent()
+    good = Path(cert).read_text()
+    with measured(TlsServer(0, "127.0.0.1", Certificates(cert, key, ca.ca))) as running:
+
+        def reloaded():
+            running.server.soon(running.transport.reload)
+            return judged(running)[1]
+
+        for content in ("a slip of the editor", Path(ca.ca).read_text(), None):
+            os.unlink(cert)
+            if content is not None:
+                Path(cert).write_text(content)
+            answer = reloaded()
+            (problem,) = answer["problems"]
+            said = ": new files are refused, and a restart would fail: --tls-"
+            assert answer["ready"] and said in problem and cert in problem
+            Path(cert).write_text(good)
+            assert judged(running)[1]["problems"] == [problem]  # not read yet
+        assert reloaded() == {"ready": True, "problems": []}
 
 
 def test_used_up_memory_and_a_failing_middleware_are_not_ready_and_full_places_are_named():

@@ -4,6 +4,7 @@ import datetime
 import os
 import ssl
 import subprocess
+import time
 from pathlib import Path
 
 import pytest
@@ -170,6 +171,36 @@ def test_each_file_that_ends_is_named_with_the_day(tmp_path):
     assert f"ended on {now + 60 * day:%Y-%m-%d}, so no board of its CA is admitted" in ended
     assert any("expired on" in doubt and files[0] in doubt for doubt in doubts(401))
     assert any(f"--tls-ca {authority.ca} expired on" in doubt for doubt in doubts(1000 * 365))
+
+
+def test_which_files_that_have_ended_let_no_board_connect(tmp_path):
+    """A CA that is followed by another one is a trouble, and boards of the other one connect."""
+    day = 86_400.0
+    now = time.time()
+    old, new = Authority(tmp_path / "old"), Authority(tmp_path / "new")
+    files = old.agent()
+    both = tmp_path / "both.pem"
+    both.write_bytes(Path(old.ca).read_bytes() + Path(new.ca).read_bytes())
+    lists = tmp_path / "lists.pem"
+
+    def judged(*parts, days=0, cas=both):
+        lists.write_text("".join(Path(part).read_text() for part in parts))
+        certificates = Certificates(*files, str(cas), str(lists) if parts else None)
+        later = now + days * day
+        return certificates.admits_boards(later), len(certificates.troubles(later))
+
+    first, second = old.revoke(days=3), new.revoke(days=7)
+    assert judged(cas=old.ca) == judged(first, second) == (True, 0)
+    assert judged(second) == (True, 0)  # the old one may be there to sign the new one
+    assert judged(second, cas=old.ca) == (False, 1)
+    assert judged(first, second, days=4) == (True, 1)
+    assert judged(first, second, days=8) == (False, 2)
+    assert judged(first, second, days=4, cas=old.ca) == (False, 1)
+    ends = Certificates(*files, str(both), str(lists)).not_after()
+    assert list(ends) == ["tls_cert", "tls_ca", "tls_crl"]
+    assert abs(ends["tls_crl"] - (now + 3 * day)) < 60
+    assert list(Certificates(*files).not_after()) == ["tls_cert"]
+    assert judged(days=-1000 * 365) == (False, 3)  # the certificate and the CAs are not valid yet
 
 
 @pytest.mark.parametrize(

@@ -537,8 +537,15 @@ def test_a_certificate_that_is_revoked_ends_its_connection_and_no_other(tmp_path
             clients.append(XrceClient(lines[-1], key))
             assert clients[-1].open() == ids.STATUS_OK
         authority.revoke(tmp_path / "lost.pem", path=crl)
+        address = agent.agent.address(2)
+        assert address.endswith(" (CN=lost)")
         reload(agent)
-        wait_for(agent.said.getvalue, "its certificate is revoked by --tls-crl")
+        wait_for(
+            agent.said.getvalue, f"| address: {address}, its certificate is revoked by --tls-crl"
+        )
+        assert agent.snapshot()["refusals"][0]["address"] == address
+        files = f"| certificate: {tmp_path}/agent.pem, CA: {authority.ca}, revocation list: {crl}"
+        assert files in agent.said.getvalue()
         wait_for(agent.said.getvalue, "delete                         | client_key: 0x00000002")
         assert list(agent.agent.clients) == [1]
         assert clients[0].ping()
