@@ -64,6 +64,9 @@ _MAX_ABOUT: Final = 2000
 # Errors of a file that may be temporary: the disk is full, or the quota or file size is exceeded.
 _TEMPORARY: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _BLOCKED_SECONDS: Final = 0.1
+# After so many seconds without a line, a full disk is tried with the notice of the lost lines.
+_RETRY_SECONDS: Final = 5.0
+_NEWLINE: Final = 0x0A
 # The most kinds of faults whose throttled lines are counted, because a client may cause ever new
 # kinds.
 _MAX_KINDS: Final = 512
@@ -73,8 +76,8 @@ class Log:
     """Writes log lines to a stream.
 
     A thread writes to a stream that can block (a file, a pipe, a terminal that was stopped with
-    Ctrl-S): boards must not wait for readers of logs. Lines are lost while the disk is full; the
-    next line that can be written says how many.
+    Ctrl-S): boards must not wait for readers of logs. Lines are lost while the disk is full; when
+    there is room again, a line says how many.
 
     Args:
         level: The highest level that is written.
@@ -100,9 +103,9 @@ class Log:
         self._put = 0  # characters queued, counted by the logging thread
         self._taken = 0  # characters written, counted by the writing thread
         self._fd = -1
-        self._torn = False  # whether the last line was written in part only
+        self._torn = False  # whether the last byte written is not the end of a line
         self._untaken = 0  # lines that the stream has not taken since the last one
-        self._why = ""
+        self._why = ""  # why the last line was not written
         try:
             self._stream.flush()
             self._fd = self._stream.fileno()
@@ -179,9 +182,17 @@ class Log:
         self._left_out += 1
         return False
 
+    def trouble(self) -> str:
+        """Return why lines of the log are lost now; "" if they are written."""
+        why = self._why or ("nobody is reading" if self._lost else "")
+        return f"lines of the log are lost: {why}" if why else ""
+
     def _drain(self) -> None:
         while True:
-            line = self._waiting.get()
+            try:
+                line = self._waiting.get(timeout=_RETRY_SECONDS if self._untaken else None)
+            except queue.Empty:
+                line = ""
             if line is None:
                 return
             self._write(line)
@@ -195,17 +206,18 @@ class Log:
             if self._fd < 0:
                 self._stream.write(line)
                 self._stream.flush()
+                self._why = ""
                 return
             head = "\n" if self._torn else ""
             if self._untaken:
                 head += self._lost_lines(self._untaken, self._why)
             self._put_out((head + line).encode("ascii", "backslashreplace"))
             self._untaken = 0
+            self._why = ""
         except (OSError, ValueError) as error:
-            number = getattr(error, "errno", None)
-            if isinstance(error, OSError) and number in _TEMPORARY:
-                self._untaken += 1
-                self._why = error.strerror or str(error)
+            self._why = getattr(error, "strerror", None) or str(error)
+            if isinstance(error, OSError) and error.errno in _TEMPORARY:
+                self._untaken += bool(line)
             else:
                 self.level = 0  # nobody reads the log any more; the agent continues without it
 
@@ -218,8 +230,8 @@ class Log:
             except BlockingIOError:  # another user of the file has set O_NONBLOCK
                 select.select([], [self._fd], [], _BLOCKED_SECONDS)
                 continue
+            self._torn = view[done - 1] != _NEWLINE
             view = view[done:]
-            self._torn = bool(view)
 
     def close(self) -> None:
         """Write waiting lines for at most a second; nothing is written afterwards."""

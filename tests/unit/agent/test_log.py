@@ -134,11 +134,12 @@ def test_lost_lines_are_json_too(tmp_path, monkeypatch):
 def test_a_broken_pipe_turns_the_log_off():
     class Closed(io.StringIO):
         def write(self, text):
-            raise BrokenPipeError
+            raise BrokenPipeError(errno.EPIPE, "Broken pipe")
 
     log = Log(6, Closed())
     log.info("p", "f", "w")
     assert log.level == 0
+    assert log.trouble() == "lines of the log are lost: Broken pipe"
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EFBIG])
@@ -165,16 +166,66 @@ def test_a_full_disk_loses_lines_and_logging_goes_on(number, tmp_path, monkeypat
         wait_until(log._waiting.empty)
         wait_until(lambda: log._put == log._taken)
         lost = log._untaken
+        assert log.trouble() == f"lines of the log are lost: {os.strerror(number)}"
         room[0] = 100_000
         for i in range(3):
             log.info("p", "f", "w", f"then {i}")
         log.close()
-        assert log._untaken == 0
+        assert log._untaken == 0 and log.trouble() == ""
     *first, torn, notice, a, b, c = path.read_text().splitlines()
     assert [LINE.fullmatch(item)[6] for item in first] == [f"first {i}" for i in range(40 - lost)]
     assert not LINE.fullmatch(torn)
     assert notice == f"({lost} lines of the log were lost: {os.strerror(number)})"
     assert [LINE.fullmatch(item)[6] for item in (a, b, c)] == ["then 0", "then 1", "then 2"]
+
+
+@pytest.fixture
+def full(tmp_path, monkeypatch):
+    """Yield (log, room, path): a JSON log on a disk with room for so many bytes."""
+    room, real = [0], os.write
+
+    def write(fd, data):
+        if fd != log._fd:
+            return real(fd, data)
+        if not room[0]:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        done = real(fd, data[: room[0]])
+        room[0] -= done
+        return done
+
+    monkeypatch.setattr(module, "_RETRY_SECONDS", 0.01)
+    path = tmp_path / "log"
+    with path.open("w") as stream:
+        log = Log(4, stream, as_json=True)
+        monkeypatch.setattr(module.os, "write", write)
+        yield log, room, path
+        log.close()
+
+
+def test_lost_lines_are_told_without_another_line(full):
+    log, room, path = full
+    log.info("p", "f", "lost")
+    wait_until(log.trouble)
+    room[0] = 10_000
+    wait_until(lambda: not log.trouble())
+    (notice,) = map(json.loads, path.read_text().splitlines())
+    assert notice["about"] == "1 lines of the log were lost: No space left on device"
+
+
+def test_a_disk_that_fills_between_two_lines_leaves_no_empty_line(full):
+    log, room, path = full
+    log.info("p", "f", "first")
+    wait_until(log.trouble)
+    room[0] = len(log._lost_lines(1, "No space left on device")) + 40
+    wait_until(lambda: not log.trouble())
+    log.info("p", "f", "torn")
+    wait_until(log.trouble)
+    room[0] = 1  # for the end of the torn line
+    wait_until(lambda: not room[0])
+    room[0] = 10_000
+    wait_until(lambda: not log.trouble())
+    first, torn, last = path.read_text().splitlines()
+    assert len(torn) == 40 and json.loads(first)["event"] == json.loads(last)["event"]
 
 
 def test_a_reader_that_has_gone_ends_the_log(tmp_path):
@@ -295,11 +346,13 @@ def test_a_pipe_without_reader_blocks_no_caller_and_lost_lines_are_counted(monke
         log = Log(4, stream)
         for i in range(5000):  # far more than a pipe holds
             log.info("p", "f", "w", f"{i} " + "x" * 500)
+        assert log.trouble() == "lines of the log are lost: nobody is reading"
         numbers = []
         while "lines of the log were lost" not in (line := reader.readline()):
             numbers.append(int(LINE.fullmatch(line.rstrip("\n"))[6].split()[0]))
         assert numbers == sorted(set(numbers)) and numbers[0] == 0
         assert int(re.search(r"(\d+) lines", line)[1]) == 5000 - len(numbers)
+        assert log.trouble() == ""
         log.close()
 
 

@@ -299,6 +299,7 @@ def _serve(
         log(INFO, "Root", "main", "RTPS in Python", f"{why}: topics and services use rtps")
     if options.middleware == "rtps":
         log(INFO, "Root", "main", "RTPS in Python", "in earlier versions -m rtps meant dds")
+    server.troubles.append(log.trouble)
     messages = capture.open_capture(options, agent)
     if messages is not None:
         server.troubles.append(messages.trouble)

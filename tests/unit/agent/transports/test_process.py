@@ -161,6 +161,7 @@ def test_an_agent_whose_disk_is_full_serves_boards():
         )
         assert done.returncode == 0, done.stderr
         assert "nothing is captured into /dev/full: No space left on device" in done.stdout
+        assert "lines of the log are lost: No space left on device" in done.stdout
         line.close()
         process.terminate()
         assert process.wait(SECONDS * 3) == 0
