@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 from pathlib import Path
 from typing import Final
 
@@ -17,6 +18,11 @@ _MAX_NAME: Final = 4096
 def is_url(device: str) -> bool:
     """Return whether ``device`` is a URL: ``socket://host:port``, ``rfc2217://host:port``."""
     return "://" in device
+
+
+def is_path(device: str) -> bool:
+    """Return whether ``device`` is the path of a file: no URL, and no name of Windows as COM3."""
+    return os.name == "posix" and not is_url(device) and not re.fullmatch(r"(?i)COM\d+", device)
 
 
 def _name_in(path: str) -> str:

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable
 from typing import Any, Final
 
 from ....agent.policy.config_values import ConfigError, Faults, listed, shown, table_of
+from ....agent.transports.serial_device import is_path
 from ..options.group import OptionGroup
 from ..options.transports import TRANSPORTS
 
@@ -53,6 +54,11 @@ def _keys(value: Any) -> Any:
     ]
 
 
+def _words(value: Any) -> list[Any]:
+    """Return the devices in one value, which the C++ agent has separated by spaces."""
+    return value.split() if isinstance(value, str) else [value]
+
+
 def _on_off(value: Any) -> Any:
     return {True: "on", False: "off"}[value] if isinstance(value, bool) else value
 
@@ -71,6 +77,7 @@ class Key:
         attribute: The attribute of the parsed option.
         option: The option's longest form, for messages; the key if it is a positional argument.
         is_file: Whether its value is the path of a file, or several.
+        is_device: Whether its value is a serial device, or several.
     """
 
     def __init__(self, action: argparse.Action) -> None:
@@ -78,6 +85,7 @@ class Key:
         self.name = _KEYS.get(action.dest, action.dest)
         self.option = max(action.option_strings, key=len, default=self.name)
         self.is_file = action.metavar == "FILE"
+        self.is_device = action.metavar == "DEVICE"
         self.required = action.required
         self.default = action.default
         self._action = action
@@ -87,7 +95,7 @@ class Key:
 
         Args:
             value: The value in the file.
-            folder: The folder that relative paths of files start from.
+            folder: The folder that relative paths of files and devices start from.
 
         Raises:
             ConfigError: The value is not valid, or several of a list are not.
@@ -103,6 +111,8 @@ class Key:
             return action.const if value else None
         if isinstance(action, argparse._AppendAction) or action.nargs == "+":
             values = listed(value)
+            if self.is_device:
+                values = [word for each in values for word in _words(each)]
             if not values:
                 raise ConfigError(f"{self.name} is empty: leave it out")
             parsed = []
@@ -130,7 +140,7 @@ class Key:
             raise ConfigError(
                 f"{self.name} is {text!r}{close or ', not one of ' + ', '.join(choices)}"
             )
-        if self.is_file:
+        if self.is_file or (self.is_device and is_path(text)):
             return os.path.join(folder, text)
         if not callable(parse):
             return text

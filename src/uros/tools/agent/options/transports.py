@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from ....agent.transports.base import DEFAULT_PORT
 
@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from ....agent.transports.base import ServerTransport
 
 DEFAULT_DISCOVERY_PORT: Final = 7400
+# The transports that listen on a port.
+IP: Final = ("udp4", "udp6", "tcp4", "tcp6")
 _TLS: Final = {
     "--tls-cert": "enable TLS with this certificate of the agent: PEM, followed by the certificates"
     " that lead to its CA",
@@ -56,10 +58,20 @@ def _add_serial(parser: argparse.ArgumentParser) -> None:
     _add_control_lines(parser)
 
 
+class _Devices(argparse.Action):
+    """Makes a list of devices, several of which may be in one argument, as of the C++ agent."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any,
+        option_string: str | None = None,
+    ) -> None:  # fmt: skip
+        setattr(namespace, self.dest, " ".join(values).split())
+
+
 def _add_multiserial(parser: argparse.ArgumentParser) -> None:
     which = parser.add_mutually_exclusive_group(required=True)
     which.add_argument(
-        "-D", "--devs", metavar="DEVICE", nargs="+",
+        "-D", "--devs", metavar="DEVICE", nargs="+", action=_Devices,
         help="serial devices; the name of another transport ends the list",
     )  # fmt: skip
     which.add_argument("-f", "--file", metavar="FILE", help="file with one device on each line")
@@ -139,7 +151,7 @@ def _on_off(text: str) -> bool:
 def _udp(args: argparse.Namespace) -> list[ServerTransport]:
     from ....agent.transports.udp import UdpServer
 
-    return [UdpServer(args.port, _anywhere(args.transport))]
+    return [UdpServer(args.port, anywhere(args.transport))]
 
 
 def _tcp(args: argparse.Namespace) -> list[ServerTransport]:
@@ -147,13 +159,14 @@ def _tcp(args: argparse.Namespace) -> list[ServerTransport]:
     if any(file is not None for file in files):
         from ....agent.transports.tls import tls_server
 
-        return [tls_server(args.port, _anywhere(args.transport), *files)]
+        return [tls_server(args.port, anywhere(args.transport), *files)]
     from ....agent.transports.tcp import TcpServer
 
-    return [TcpServer(args.port, _anywhere(args.transport))]
+    return [TcpServer(args.port, anywhere(args.transport))]
 
 
-def _anywhere(transport: str) -> str:
+def anywhere(transport: str) -> str:
+    """Return the address on which a transport of :data:`IP` listens: all of its family."""
     return "::" if transport.endswith("6") else "0.0.0.0"
 
 
@@ -168,8 +181,7 @@ def _serial(args: argparse.Namespace) -> list[ServerTransport]:
 def _multiserial(args: argparse.Namespace) -> list[ServerTransport]:
     from ....agent.transports.multiserial import devices_in, serial_servers
 
-    # The C++ agent expects all devices in one argument, separated by spaces; that works here too.
-    devices = " ".join(args.devs).split() if args.file is None else devices_in(args.file)
+    devices = args.devs if args.file is None else devices_in(args.file)
     return [*serial_servers(devices, args.baudrate, args.dtr, args.rts)]
 
 

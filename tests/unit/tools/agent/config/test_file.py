@@ -11,7 +11,7 @@ from uros.tools.agent import command
 from uros.tools.agent.config.file import Config
 from uros.tools.agent.config.schema import TransportKeys, tables
 from uros.tools.agent.options.rules import make_rules
-from uros.tools.agent.options.transports import TRANSPORTS
+from uros.tools.agent.options.transports import TRANSPORTS, make
 
 UDP = '[[transport]]\ntype = "udp4"\nport = 0\n'
 
@@ -165,6 +165,35 @@ def test_relative_paths_start_from_the_folder_of_the_file(read, tmp_path):
     config = read('[agent]\nstate = "agent.state"\n[[transport]]\ntype = "serial"\nfile = "dev"\n')
     assert config.options["state"] == str(tmp_path / "agent.state")
     assert config.transports[0].file == str(tmp_path / "dev")
+
+
+@pytest.mark.parametrize(
+    "device", ["COM3", "com12", "socket://host:1", "rfc2217://host:1", "/dev/ttyACM0"]
+)
+def test_devices_that_are_no_relative_paths_stay_as_they_are(read, device):
+    config = read(
+        f'[[transport]]\ntype = "serial"\ndev = "{device}"\n'
+        f'[[transport]]\ntype = "multiserial"\ndevs = ["{device}"]\n'
+        '[[transport]]\ntype = "canfd"\ndev = "can0"\n'
+    )
+    one, several, can = config.transports
+    assert (one.dev, several.devs, can.dev) == (device, [device], "can0")
+
+
+def test_relative_devices_start_from_the_folder_of_the_file(tmp_path):
+    folder = tmp_path / "a folder"
+    folder.mkdir()
+    path = folder / "agent.toml"
+    path.write_text(
+        '[[transport]]\ntype = "serial"\ndev = "left"\n'
+        '[[transport]]\ntype = "multiserial"\ndevs = ["right up", "/dev/ttyUSB0"]\n'
+    )
+    one, several = Config(str(path), command._GROUPS).transports
+    assert one.dev == str(folder / "left")
+    servers = make(several)
+    assert [server.device for server in servers] == [
+        str(folder / "right"), str(folder / "up"), "/dev/ttyUSB0"
+    ]  # fmt: skip
 
 
 # --- the command line wins ---------------------------------------------------------------------
