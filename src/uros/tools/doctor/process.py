@@ -72,6 +72,16 @@ def running(name: str) -> Process | None:
     return None
 
 
+def uros_agents() -> list[Process]:
+    """Return the processes of all users that are uros agents by their command lines."""
+    return [each for each in map(process, _pids()) if each.is_uros_agent]
+
+
+def folder(pid: int) -> str:
+    """Return the working folder of a process; "" without permission."""
+    return _target(str(PROC / str(pid) / "cwd"))
+
+
 def environment(pid: int) -> dict[str, str] | None:
     """Return the environment that a process was started with, or None without permission."""
     try:
