@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from ..host.network import Network
 
 
+AGENT_HELP: Final = (
+    "the agent's process id, or its configuration file: the path, or the name without .toml"
+)
 DISTRO_HELP: Final = (
     "ROS 2 distribution whose interface definitions to use, such as humble (default: ROS_DISTRO,"
     " or the newest one that uros knows)"
@@ -222,6 +225,15 @@ def positive_int(text: str) -> int:
     if not text.isdecimal() or not int(text):
         raise argparse.ArgumentTypeError(f"{text!r} is not an integer above 0")
     return int(text)
+
+
+def agent_choice(text: str) -> int | str:
+    """Parse what ``--agent`` takes: a process id, or the name of a configuration file."""
+    if text.isdecimal():
+        return positive_int(text)
+    if not text or text.startswith("-"):
+        raise argparse.ArgumentTypeError(f"{text!r} is neither a pid nor a configuration file")
+    return text
 
 
 def unsigned_int(text: str) -> int:

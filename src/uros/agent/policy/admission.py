@@ -215,6 +215,11 @@ _RULES: Final = (
 )  # fmt: skip
 
 
+def rule_of(why: str) -> str:
+    """Return the rule that refuses a board for a reason."""
+    return next(rule for start, rule in _RULES if why.startswith(start))
+
+
 class Refusals(dict[int, Refusal]):
     """Refusals by client key, the latest last; the oldest is dropped at MAX_REFUSALS.
 
@@ -242,8 +247,7 @@ class Refusals(dict[int, Refusal]):
 
     def note(self, key: int, why: str, address: str, when: float, times: int = 1) -> None:
         """Record a refusal of a board, or ``times`` of them."""
-        rule = next(rule for start, rule in _RULES if why.startswith(start))
-        self.count("board", rule, address, why, when, key, times)
+        self.count("board", rule_of(why), address, why, when, key, times)
         before = self.pop(key, None)
         if before is not None and before.why == why:
             times += before.times

@@ -9,6 +9,8 @@
                     options
 ``config``          The configuration file: its tables, its mistakes, ``uros agent check``
 ``port_in_use``     Names the process that has the port which an agent wants
+``quantities``      Writes time spans and sizes as text
+``refusals``        Says what an agent has refused, by which rule, and what to do about it
 ``reload``          SIGHUP: a running agent reads its rules and certificates again
 ``running_agents``  Finds the agents that run on this machine and queries them over their status
                     sockets

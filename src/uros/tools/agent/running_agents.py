@@ -6,6 +6,7 @@ The other end is :mod:`uros.agent.observability.status_socket`.
 from __future__ import annotations
 
 import json
+import os
 import socket
 from collections.abc import Iterator
 from contextlib import closing
@@ -46,13 +47,16 @@ def find_agents() -> list[RunningAgent]:
     return [found[pid] for pid in sorted(found)]
 
 
-def find_agent(pid: int | None = None) -> RunningAgent:
-    """Return the agent with this process id, or the only one.
+def find_agent(choice: int | str | None = None) -> RunningAgent:
+    """Return the chosen agent, or the only one.
+
+    Args:
+        choice: The process id of the agent, or the name of its configuration file.
 
     Raises:
-        ToolError: There is no such agent, or there are several and ``pid`` is None.
+        ToolError: There is no such agent, or there are several.
     """
-    agents = chosen_agents(pid)
+    agents = chosen_agents(choice)
     if len(agents) > 1:
         pids = ", ".join(str(agent.pid) for agent in agents)
         raise ToolError(
@@ -62,8 +66,12 @@ def find_agent(pid: int | None = None) -> RunningAgent:
     return agents[0]
 
 
-def chosen_agents(pid: int | None = None) -> list[RunningAgent]:
-    """Return the agent with this process id, or all agents if it is None; at least one.
+def chosen_agents(choice: int | str | None = None) -> list[RunningAgent]:
+    """Return the chosen agents, or all agents if ``choice`` is None; at least one.
+
+    Args:
+        choice: The process id of an agent, or the name of a configuration file, which several
+            agents may have.
 
     Raises:
         ToolError: There is no such agent, or none at all.
@@ -75,15 +83,54 @@ def chosen_agents(pid: int | None = None) -> list[RunningAgent]:
             " 'uros agent udp4 --port 8888', or run this as the agent's user (an agent with"
             " --no-inspection, or in another container, cannot be asked)"
         )
-    if pid is None:
+    if choice is None:
         return agents
+    if isinstance(choice, str):
+        return _configured_by(agents, choice)
     for agent in agents:
-        if agent.pid == pid:
+        if agent.pid == choice:
             return [agent]
     pids = ", ".join(str(agent.pid) for agent in agents)
     raise ToolError(
-        f"there is no agent with pid {pid}, but {pids}; 'uros agent status' shows what each serves"
+        f"there is no agent with pid {choice}, but {pids}; 'uros agent status' shows what each"
+        " serves"
     )
+
+
+def _configured_by(agents: list[RunningAgent], name: str) -> list[RunningAgent]:
+    """Return the agents whose configuration file has a name.
+
+    Raises:
+        ToolError: There is none.
+    """
+    found, files, errors = [], [], []
+    for agent in agents:
+        try:
+            config = ask(agent, "status").get("config")
+        except ToolError as error:
+            errors.append(str(error))
+            continue
+        if config and is_named(config, name):
+            found.append(agent)
+        elif config:
+            files.append(str(config))
+    if found:
+        return found
+    others = f", but {', '.join(files)}" if files else ""
+    raise ToolError(
+        "; ".join([f"no agent runs here with the configuration file {name!r}{others}", *errors])
+    )
+
+
+def is_named(config: str, name: str) -> bool:
+    """Return whether a name stands for a configuration file.
+
+    Args:
+        config: The absolute path of the file.
+        name: A path, or the file's name, with or without its suffix.
+    """
+    path = Path(config)
+    return name in (path.name, path.stem) or os.path.abspath(name) == config
 
 
 def ask(agent: RunningAgent, question: str) -> dict[str, Any]:

@@ -12,9 +12,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 from ...printable import printable_ascii as plain
 from ...printable import unguarded
-from ..common import positive_float, positive_int
+from ..common import AGENT_HELP, agent_choice, positive_float
 from ..errors import ToolError
 from ..waiting import warn
+from .quantities import duration, octets
+from .refusals import is_past, keeps_boards_out, others, reason, remedy, what_was_refused
 
 if TYPE_CHECKING:
     from .running_agents import RunningAgent
@@ -34,8 +36,8 @@ def add_parser(transports: Any) -> None:
     """Declare ``status``, which is given instead of a transport."""
     parser = transports.add_parser(NAME, help=_HELP, description=_HELP)
     parser.add_argument(
-        "--agent", type=positive_int, metavar="PID",
-        help="process id of an agent (default: all that run here)",
+        "--agent", type=agent_choice, metavar="PID|CONFIG",
+        help=f"{AGENT_HELP} (default: all that run here)",
     )  # fmt: skip
     parser.add_argument(
         "--watch", nargs="?", type=positive_float, const=_WATCH, metavar="SECONDS",
@@ -58,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
     """Print the state once, or repeatedly with ``--watch``.
 
     Returns:
-        0; with ``--check`` 1 if an agent cannot serve boards.
+        0; 1 if an agent does not answer, or cannot serve boards with ``--check``.
 
     Raises:
         ToolError: No agent runs, or none answers.
@@ -86,7 +88,7 @@ def run(args: argparse.Namespace) -> int:
             if args.watch and not wide:
                 print(flush=True)
         if args.watch is None:
-            return 0
+            return 0 if len(snapshots) == len(agents) else 1
         before = {snapshot["pid"]: snapshot for snapshot in snapshots}
         time.sleep(args.watch)
 
@@ -99,10 +101,18 @@ def _check(agents: Sequence[RunningAgent], as_json: bool) -> int:
             print(json.dumps(snapshot))
             continue
         verdict = "ready" if snapshot.get("ready", True) else "not ready"
-        about = "; ".join([f"boards: {len(snapshot['clients'])}", *snapshot.get("problems", ())])
-        print(f"agent {snapshot['pid']}: {verdict}; {plain(about)}")
+        about = "; ".join([_boards_count(snapshot), *snapshot.get("problems", ())])
+        config = f" ({plain(snapshot['config'])})" if snapshot.get("config") else ""
+        print(f"agent {snapshot['pid']}{config}: {verdict}; {plain(about)}")
     all_ready = all(snapshot.get("ready", True) for snapshot in snapshots)
     return 0 if all_ready and len(snapshots) == len(agents) else 1
+
+
+def _boards_count(snapshot: Snapshot) -> str:
+    clients = snapshot["clients"]
+    unheard = sum(not client.get("heard_since_restart", True) for client in clients)
+    about = f" ({unheard} not heard since the restart)" * bool(unheard)
+    return f"boards: {len(clients)}{about}"
 
 
 def _ask_all(agents: Sequence[RunningAgent]) -> list[Snapshot]:
@@ -165,7 +175,8 @@ def page(
         lines.append(_cut(f"  in/s, out/s: messages a second{_over(snapshot, before)}", width))
     if snapshot["refused"]:
         lines += ["", *_refused(snapshot, width)]
-    lines += _without_tls(snapshot, width)
+    for refusal in others(snapshot):
+        lines += ["", *_wrapped(_other_refusal(refusal), width, "")]
     for problem in snapshot.get("problems", ()):
         lines += ["", *_wrapped(f"problem: {plain(problem)}", width, "")]
     if verbose:
@@ -181,19 +192,25 @@ def overview(snapshots: Sequence[Snapshot], width: int = 80) -> list[str]:
         snapshots: The agents' answers.
         width: Columns of the terminal.
     """
-    rows = [["AGENT", "UP", "MIDDLEWARE", "BOARDS", "DOMAINS", "SERVES"]]
+    rows = [["AGENT", "CONFIG", "UP", "MIDDLEWARE", "BOARDS", "DOMAINS", "SERVES"]]
     for snapshot in snapshots:
         nodes = [node for client in snapshot["clients"] for node in client["nodes"]]
         domains = sorted({node["domain"] for node in nodes})
         head = [
-            str(snapshot["pid"]), duration(snapshot["uptime"]), snapshot["middleware"],
+            str(snapshot["pid"]), plain(snapshot.get("config") or "-"),
+            duration(snapshot["uptime"]), snapshot["middleware"],
             str(len(snapshot["clients"])), ", ".join(map(str, domains)) or "-",
         ]  # fmt: skip
         for serves in _served(snapshot):
             rows.append([*head, serves])
             head = [""] * len(head)
-    lines = _table(rows, width, "<<<><<", 4, 5)
-    hint = "'uros agent status --agent PID' shows the boards of one agent, -v those of all."
+    if any(snapshot.get("config") for snapshot in snapshots):
+        lines = _table(rows, width, "<<<<><<", 5, 6, 1)
+        which = "PID|CONFIG"
+    else:
+        lines = _table([[row[0], *row[2:]] for row in rows], width, "<<<><<", 4, 5)
+        which = "PID"
+    hint = f"'uros agent status --agent {which}' shows the boards of one agent, -v those of all."
     return [*lines, "", *_wrapped(hint, width, "")]
 
 
@@ -215,6 +232,8 @@ def _head(snapshot: Snapshot, before: Snapshot | None) -> str:
         f"up {duration(snapshot['uptime'])}",
         f"middleware {snapshot['middleware']}",
     ]
+    if snapshot.get("config"):
+        parts.insert(1, plain(snapshot["config"]))
     passed = snapshot["uptime"] - before["uptime"] if before else 0
     if before and passed > 0:
         parts.append(f"CPU {100 * (snapshot['cpu'] - before['cpu']) / passed:.1f} %")
@@ -256,12 +275,19 @@ def _clients(snapshot: Snapshot, before: Snapshot | None) -> list[list[str]]:
         queues = client["queues"]
         rows.append(
             [client["key"], plain(client["address"]), " ".join(nodes) or "-",
-             duration(client["heard_ago"]), f"{rate_in:.1f}", f"{rate_out:.1f}",
+             _heard(client), f"{rate_in:.1f}", f"{rate_out:.1f}",
              str(client["received"]["lost"] + client["received"]["given_up"]),
              str(client["sent"]["resent"]),
              str(queues["unacknowledged"] + queues["stalled"] + queues["early"])]
         )  # fmt: skip
     return rows
+
+
+def _heard(client: dict[str, Any]) -> str:
+    """Return how long ago a board was heard; a restored session may not have been heard yet."""
+    if client.get("heard_since_restart", True):
+        return duration(client["heard_ago"])
+    return "not since restart"
 
 
 def _boards(rows: list[list[str]], width: int) -> list[str]:
@@ -302,24 +328,9 @@ def _over(snapshot: Snapshot, before: Snapshot | None) -> str:
     return f", over the last {duration(longest)}"
 
 
-def _remedy(why: str) -> str:
-    """Return what to do about a refusal."""
-    from ...agent.policy.admission import ADDRESS_NOT_ALLOWED, KEY_IN_USE, KEY_NOT_ALLOWED
-
-    remedies = (
-        (KEY_IN_USE, "another board answers with this key: give each its own (uros: key=,"
-         " micro-ROS: rmw_uros_options_set_client_key), or switch that one off"),
-        (KEY_NOT_ALLOWED, "allow its key with --allow-key, unless the board is not yours"),
-        (ADDRESS_NOT_ALLOWED, "allow its network with --allow-net"),
-        ("over ", "raise --max-clients, or start another agent"),
-        ("memory", "raise --max-memory, or find the board that uses so much (-v)"),
-        ("MTU", "give its transport a larger MTU"),
-        ("", "is this a micro-ROS client of XRCE 1?"),
-    )  # fmt: skip
-    return next(text for start, text in remedies if why.startswith(start))
-
-
 def _refused(snapshot: Snapshot, width: int) -> list[str]:
+    from ...agent.policy.admission import rule_of
+
     rows = [["REFUSED", "ADDRESS", "TIMES", "LAST", "WHY"]]
     rows += [
         [refusal["key"], plain(refusal["address"]), str(refusal["times"]),
@@ -328,7 +339,7 @@ def _refused(snapshot: Snapshot, width: int) -> list[str]:
     ]  # fmt: skip
     lines = _table(rows, width, "<<>><", 4, 1)
     for why in dict.fromkeys(refusal["why"] for refusal in snapshot["refused"]):
-        lines += _wrapped(f"{plain(why)}: {_remedy(why)}", width)
+        lines += _wrapped(f"{plain(why)}: {remedy(rule_of(why), why)}", width)
     return lines
 
 
@@ -337,7 +348,9 @@ def _no_boards(snapshot: Snapshot, width: int) -> list[str]:
     from ..doctor.agents import has_noise_alone
 
     serial = [each for each in snapshot["transports"] if "crc_errors" in each]
-    if len(serial) < len(snapshot["transports"]):
+    if keeps_boards_out(snapshot):
+        lines = ["No boards. Some may be among what the agent refuses, see below."]
+    elif len(serial) < len(snapshot["transports"]):
         lines = ["No boards. Their firmware must know this host's address and the port."]
     else:
         lines = ["No boards. Their firmware must send at the baud rate of this agent."]
@@ -351,18 +364,13 @@ def _no_boards(snapshot: Snapshot, width: int) -> list[str]:
     return lines
 
 
-def _without_tls(snapshot: Snapshot, width: int) -> list[str]:
-    """Return lines about connections that TLS refused: such boards have no client key yet."""
-    from ..doctor.agents import tls_refusals
-
-    lines = []
-    for refusal in tls_refusals(snapshot):
-        times = refusal["times"]
-        lines += ["", *_wrapped(
-            f"TLS refused {times} connection{'s' * (times != 1)}, the latest from"
-            f" {plain(refusal['address'])}: {plain(refusal['why'])}", width, "",
-        )]  # fmt: skip
-    return lines
+def _other_refusal(refusal: dict[str, Any]) -> str:
+    """Return a line about refusals of peers that have no client key yet, or of objects."""
+    parts = [what_was_refused(refusal), reason(refusal)]
+    if not is_past(refusal) and (mend := remedy(refusal["rule"], refusal["why"])):
+        parts.append(mend)
+    text = ": ".join(parts)
+    return plain(text[0].upper() + text[1:])
 
 
 def _wrapped(text: str, width: int, first: str = "  ") -> list[str]:
@@ -411,32 +419,6 @@ def _endpoints(client: dict[str, Any], width: int) -> list[str]:
 
 
 # --- text ------------------------------------------------------------------------------------
-
-
-def duration(seconds: float) -> str:
-    """Return a time span as ``0.1 s``, ``42 s``, ``3 min``, ``2 h 5 min`` or ``3 d 4 h``."""
-    if seconds < 10:
-        return f"{seconds:.1f} s"
-    whole = int(seconds)
-    if whole < 120:
-        return f"{whole} s"
-    if whole < 7200:
-        return f"{whole // 60} min"
-    if whole < 172_800:
-        return f"{whole // 3600} h {whole % 3600 // 60} min"
-    return f"{whole // 86_400} d {whole % 86_400 // 3600} h"
-
-
-def octets(count: int) -> str:
-    """Return a size as ``950 B``, ``12.3 kB`` or ``4.5 MB``."""
-    if count < 1000:
-        return f"{count} B"
-    size = float(count)
-    for unit in ("kB", "MB", "GB"):
-        size /= 1000
-        if size < 999.95:
-            return f"{size:.1f} {unit}"
-    return f"{size / 1000:.1f} TB"
 
 
 def _cut(text: str, width: int) -> str:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Final, TextIO
 from ...agent.objects.kinds import key_label
 from ...printable import printable, unguarded
 from ...wire import ids
-from ..common import positive_int
+from ..common import AGENT_HELP, agent_choice
 from ..errors import ToolError
 from .recordings import parser_for, read
 from .records import Parser, Record, create_client_payload
@@ -59,8 +59,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--follow", action="store_true", help="keep reading as FILE grows, until Ctrl-C"
     )
     parser.add_argument(
-        "--agent", metavar="PID", type=positive_int,
-        help="process id of the agent, if several run on this machine",
+        "--agent", metavar="PID|CONFIG", type=agent_choice,
+        help=f"which agent, if several run on this machine: {AGENT_HELP}",
     )  # fmt: skip
 
 
@@ -108,12 +108,12 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _live(pid: int | None) -> Iterator[Record]:
+def _live(choice: int | str | None) -> Iterator[Record]:
     from ..agent.running_agents import find_agent, stream
     from .recordings import TextParser
 
     parser = TextParser("the agent's answer")
-    for chunk in stream(find_agent(pid), "trace"):
+    for chunk in stream(find_agent(choice), "trace"):
         yield from parser.feed(chunk)
 
 

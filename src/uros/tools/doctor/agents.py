@@ -3,9 +3,18 @@
 from __future__ import annotations
 
 import socket
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Final
 
+from ..agent.quantities import duration
+from ..agent.refusals import (
+    is_past,
+    keeps_boards_out,
+    others,
+    reason,
+    remedy,
+    what_was_refused,
+)
 from . import process
 from .finding import Finding, note, ok, problem, unknown, word
 
@@ -15,6 +24,8 @@ CLOCK_LIMIT: Final = 0.1
 _NOISE: Final = 16
 _FEW: Final = 5
 _BROKEN: Final = 20
+# How long a board may be silent, in seconds: the agent asks it after half of that at the latest.
+_SILENT: Final = 60.0
 # How many ports are tried to suggest a free one.
 _TRIES: Final = 64
 
@@ -104,13 +115,49 @@ def check_agents(snapshots: Sequence[Snapshot]) -> Finding:
         agents.append(f"pid {snapshot.get('pid')} with {count} board{'s' if count != 1 else ''}")
     if all(not snapshot.get("clients") for snapshot in snapshots):
         running = "a uros agent runs" if len(snapshots) == 1 else "uros agents run"
-        return note(
-            "agents",
-            f"{running}, but no board is connected: {', '.join(agents)}",
-            "compare the board's agent address and port, or device and baud rate, with the agent's",
+        fix = (
+            "compare the board's agent address and port, or device and baud rate, with the agent's"
         )
+        if any(map(keeps_boards_out, snapshots)):
+            fix = "the board may be among what is refused, see below"
+        return note("agents", f"{running}, but no board is connected: {', '.join(agents)}", fix)
     alone = "to check one of them alone: uros doctor --agent PID" if len(snapshots) > 1 else ""
     return ok("agents", f"uros agents: {', '.join(agents)}", alone)
+
+
+def check_problems(snapshots: Sequence[Snapshot]) -> list[Finding]:
+    """Report what agents say is wrong with themselves."""
+    return [
+        problem(
+            "agent",
+            f"the agent {snapshot.get('pid')} has a problem: {text}",
+            f"mend that, then check: uros agent status --agent {snapshot.get('pid')}",
+        )
+        for snapshot in snapshots
+        for text in snapshot.get("problems", ())
+    ]
+
+
+def check_silence(snapshots: Sequence[Snapshot]) -> list[Finding]:
+    """Find boards that are connected and have been silent for long."""
+    findings = []
+    for snapshot, client in boards(snapshots):
+        ago, key = client.get("heard_ago", 0.0), str(client.get("key"))
+        if ago < _SILENT:
+            continue
+        silence = f"for {duration(ago)}"
+        if not client.get("heard_since_restart", True):
+            silence = f"since the agent's restart {duration(ago)} ago"
+        findings.append(
+            note(
+                "silent board",
+                f"the board {key} at {client.get('address')} has sent nothing to the agent"
+                f" {snapshot.get('pid')} {silence}",
+                "check its power and its line or network",
+                about=key,
+            )
+        )
+    return findings
 
 
 def check_middleware(snapshots: Sequence[Snapshot]) -> list[Finding]:
@@ -268,19 +315,44 @@ def check_lines(snapshots: Sequence[Snapshot]) -> list[Finding]:
 
 def check_refused(snapshots: Sequence[Snapshot]) -> list[Finding]:
     """Find boards that an agent refuses, for other reasons than a key in use."""
-    return [
-        problem(
-            "refused",
-            f"the agent {snapshot.get('pid')} refuses the board {client.get('key')} at"
-            f" {client.get('address')}: {client.get('why')} ({client.get('times', 1)} times)",
-            "change the agent's admission options: uros agent udp4 --help",
-            about=str(client.get("key")),
-            kind=str(client.get("why")),
-        )
-        for snapshot in snapshots
-        for client in snapshot.get("refused", [])
-        if not _about_key(client)
-    ]
+    from ...agent.policy.admission import rule_of
+
+    findings = []
+    for snapshot in snapshots:
+        for client in snapshot.get("refused", []):
+            why, key = str(client.get("why")), str(client.get("key"))
+            if _about_key(client) or is_past(client):
+                continue
+            what = (
+                f"the agent {snapshot.get('pid')} refuses the board {key} at"
+                f" {client.get('address')}: {why} ({client.get('times', 1)} times)"
+            )
+            findings.append(
+                problem("refused", what, remedy(rule_of(why), why), about=key, kind=why)
+            )
+    return findings
+
+
+def check_others_refused(snapshots: Sequence[Snapshot]) -> list[Finding]:
+    """Report refused connections and messages of peers without a key, and refused requests.
+
+    They are notes, for a stranger may have sent them; unless nobody else reaches the agent.
+    """
+    findings = []
+    for snapshot in snapshots:
+        for refusal in others(snapshot):
+            tls = refusal["rule"] == "tls"
+            what = f"agent {snapshot.get('pid')}: {what_was_refused(refusal)}: {reason(refusal)}"
+            if is_past(refusal):
+                findings.append(ok("tls" if tls else "refused", what))
+                continue
+            alone = refusal["kind"] == "connection" and not snapshot.get("clients")
+            fix = remedy(refusal["rule"], refusal["why"])
+            if alone:
+                fix = fix or "compare the TLS settings of the board with the agent's"
+            state = problem if alone else note
+            findings.append(state("tls" if tls else "refused", what, fix))
+    return findings
 
 
 def _frames(line: Mapping[str, Any]) -> int:
@@ -292,31 +364,6 @@ def _frames(line: Mapping[str, Any]) -> int:
 def has_noise_alone(line: Mapping[str, Any]) -> bool:
     """Return whether bytes have come over a serial line of a snapshot, and no frame."""
     return "crc_errors" in line and not _frames(line) and line.get("skipped", 0) >= _NOISE
-
-
-def tls_refusals(snapshot: Snapshot) -> Iterator[dict[str, Any]]:
-    """Yield the refusals of TLS, except of an agent of an earlier version, which has no reasons."""
-    for refusal in snapshot.get("refusals", ()):
-        if refusal.get("rule") == "tls" and "why" in refusal:
-            yield refusal
-
-
-def check_tls(snapshots: Sequence[Snapshot]) -> list[Finding]:
-    """Report the latest connection that TLS refused: a note, for it may be a stranger's."""
-    findings = []
-    for snapshot in snapshots:
-        for refusal in tls_refusals(snapshot):
-            times = refusal["times"]
-            why, _, remedy = refusal["why"].partition(": ")
-            findings.append(
-                note(
-                    "tls",
-                    f"the agent {snapshot.get('pid')} refused {times} TLS"
-                    f" connection{'s' * (times != 1)}, the latest from {refusal['address']}: {why}",
-                    remedy,
-                )
-            )
-    return findings
 
 
 def of_board(client: dict[str, Any]) -> str:

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Final
 
 from ...agent.transports.base import DEFAULT_PORT
 from ...printable import printable, unguarded
+from ..common import AGENT_HELP, agent_choice, positive_float
 from ..common import domain as domain_number
-from ..common import positive_float, positive_int
 from .finding import NOTE, OK, PROBLEM, UNKNOWN, Finding, merge_alike, problem, unknown
 from .snapshots import Agents
 
@@ -61,8 +61,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="ROS domain of your nodes; may be repeated (default: ROS_DOMAIN_ID, and 0)",
     )  # fmt: skip
     parser.add_argument(
-        "--agent", type=positive_int, metavar="PID", help="process id of the only agent to check"
-    )
+        "--agent", type=agent_choice, metavar="PID|CONFIG",
+        help=f"the only agent to check: {AGENT_HELP}",
+    )  # fmt: skip
     parser.add_argument(
         "--seconds", type=positive_float, default=_SECONDS, metavar="S",
         help=f"seconds of each listening (default: {_SECONDS:g})",
@@ -247,6 +248,7 @@ class Doctor:
         self._found(agents.failed)
         if not agents.failed:
             self._found([doctor_agents.check_agents(agents.now)])
+        self._found(doctor_agents.check_problems(agents.now))
         self._serial()
         port = self._args.port or DEFAULT_PORT
         self._found(doctor_agents.check_port(port, agents.pids, self._args.port is not None))
@@ -255,8 +257,9 @@ class Doctor:
         self._graphs(wanted)
         self._keys(began)
         for check in (
+            doctor_agents.check_silence,
             doctor_agents.check_refused,
-            doctor_agents.check_tls,
+            doctor_agents.check_others_refused,
             doctor_agents.check_middleware,
             doctor_agents.check_lines,
             doctor_agents.check_clocks,

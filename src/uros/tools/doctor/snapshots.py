@@ -14,7 +14,8 @@ class Agents:
     """The agents of this machine, asked several times.
 
     Args:
-        pid: The only agent to ask; None for all.
+        choice: The process id of the only agent to check, or the name of its configuration file;
+            None for all.
         find: Finds the agents.
         ask: Asks one for its snapshot.
 
@@ -25,13 +26,13 @@ class Agents:
 
     def __init__(
         self,
-        pid: int | None = None,
+        choice: int | str | None = None,
         find: Callable[[], list[Any]] | None = None,
         ask: Callable[[Any], Snapshot] | None = None,
     ) -> None:
         self.looks: list[list[Snapshot]] = []
         self.failed: list[Finding] = []
-        self._pid = pid
+        self._choice = choice
         self._find = find or _find
         self._ask = ask or _ask
 
@@ -61,17 +62,25 @@ class Agents:
             except (OSError, ValueError, RuntimeError) as error:
                 self.failed.append(unknown("agents", f"{agent}: {error}"))
                 continue
-            if self._pid is None or snapshot.get("pid") == self._pid:
+            if self._is_chosen(snapshot):
                 found.append(snapshot)
-        if self._pid is not None and not found:
+        if self._choice is not None and not found:
+            which = "pid" if isinstance(self._choice, int) else "the configuration file"
             self.failed.append(
                 unknown(
                     "agents",
-                    f"there is no uros agent with pid {self._pid}",
+                    f"there is no uros agent with {which} {self._choice}",
                     "list the agents: uros agent status",
                 )
             )
         self.looks.append(found)
+
+    def _is_chosen(self, snapshot: Snapshot) -> bool:
+        from ..agent.running_agents import is_named
+
+        if isinstance(self._choice, str):
+            return is_named(snapshot.get("config") or "", self._choice)
+        return self._choice is None or snapshot.get("pid") == self._choice
 
     def nodes(self) -> list[tuple[str, int]]:
         """Return the full names of the boards' nodes, each with its domain."""

@@ -2,6 +2,8 @@
 
 import argparse
 import json
+import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -60,6 +62,11 @@ def snapshot(**more):
     }  # fmt: skip
 
 
+def words(lines):
+    """The words of wrapped lines."""
+    return " ".join(" ".join(lines).split())
+
+
 PAGE = """\
 agent 4711, up 2 h 5 min, middleware auto, CPU 12 s, RSS 61.0 MB, 23 fds
 
@@ -113,9 +120,46 @@ def test_connections_that_tls_refused_are_below_the_boards():
     hostile = dict(refusal, address="\x1b[2J", why="\n\x1b[31m")
     text = "".join(page(snapshot(refusals=[hostile])))
     assert text.isascii() and text.isprintable()
+    # With its age; past once no board was refused for long, as after a new certificate.
+    shown = words(page(snapshot(refusals=[dict(refusal, ago=3.0)])))
+    assert " the latest 3.0 s ago from 192.168.1.9:2018: its certificate has expired: give" in shown
+    shown = words(page(snapshot(refusals=[dict(refusal, ago=720.0)])))
+    assert shown.endswith(
+        " TLS refused 4 connections, but none lately: the latest 12 min ago from 192.168.1.9:2018:"
+        " its certificate has expired"
+    )
     # An agent of an earlier version has no reasons.
     earlier = {"kind": "connection", "rule": "tls", "times": 4}
     assert page(snapshot(refusals=[earlier])) == page(snapshot())
+
+
+def test_boards_outside_of_the_networks_are_shown_with_the_rule_where_there_is_no_board():
+    refusal = {"kind": "connection", "rule": "allow_net", "times": 135, "address": "127.0.0.1:4",
+               "why": "address not allowed", "ago": 3.0}  # fmt: skip
+    shown = words(page(snapshot(clients=[], refused=[], refusals=[refusal])))
+    assert shown.endswith(
+        "No boards. Some may be among what the agent refuses, see below."
+        " The rule networks of [admission] (--allow-net) refused 135 messages or connections, the"
+        " latest 3.0 s ago from 127.0.0.1:4: address not allowed: add its network to networks of"
+        " [admission] (--allow-net), unless the board is not yours"
+    )
+    past = words(page(snapshot(clients=[], refused=[], refusals=[dict(refusal, ago=400.0)])))
+    assert "Their firmware must know this host's address" in past and "none lately" in past
+
+
+def test_refused_requests_and_connections_beyond_the_limit_are_shown():
+    denied = {"kind": "request", "rule": "denied", "times": 2, "address": "10.0.0.5:2018",
+              "why": "0x001(5): forbidden", "ago": 3.0}  # fmt: skip
+    full = {"kind": "connection", "rule": "connections", "times": 1, "address": "10.0.0.6:9",
+            "why": "over 64 connections from one address", "ago": 4.0}  # fmt: skip
+    text = words(page(snapshot(refusals=[denied, full])))
+    assert "The agent refused 2 requests of boards (denied), the latest 3.0 s ago from" in text
+    assert "The limit of connections refused 1 connection, the latest 4.0 s ago from" in text
+
+
+def test_a_restored_board_that_was_not_heard_since_the_restart():
+    shown = page(snapshot(clients=[client(heard_since_restart=False)]), width=150)
+    assert any("not since restart" in line for line in shown)
 
 
 def test_the_endpoints_of_each_board():
@@ -248,6 +292,24 @@ def test_status_of_a_running_agent_and_of_one_of_two():
         assert first.end() == 0
 
 
+def test_an_agent_is_chosen_by_its_configuration_file(tmp_path):
+    name = f"hall{os.getpid()}"
+    file = tmp_path / f"{name}.toml"
+    file.write_text('[[transport]]\ntype = "udp4"\nport = 0\n[agent]\nmiddleware = "memory"\n')
+    with process("--config", file) as one:
+        one.until("status socket open")
+        done = run("--agent", name, "--json")
+        answer = json.loads(done.stdout)
+        assert (answer["pid"], answer["config"]) == (one.popen.pid, str(file))
+        os.kill(one.popen.pid, signal.SIGSTOP)
+        try:
+            done = run("--agent", name)
+        finally:
+            os.kill(one.popen.pid, signal.SIGCONT)
+        assert done.returncode == 1 and f"{one.popen.pid} has not answered" in done.stderr
+        assert one.end() == 0
+
+
 def test_watch_prints_the_state_repeatedly_until_the_agent_ends():
     with process("udp4", "-p", 0, "-m", "memory") as one:
         one.until("status socket open")
@@ -322,9 +384,36 @@ def test_several_agents_are_listed_with_what_each_serves(monkeypatch, capsys):
     assert [answer["pid"] for answer in answers] == [4711, 4712, 4713]
 
 
+def test_the_configuration_file_of_an_agent_is_shown_and_selects_it(monkeypatch, capsys):
+    hall = snapshot(config="/etc/uros/hall.toml")
+    unheard = client(heard_since_restart=False)
+    yard = snapshot(pid=4712, config="/etc/uros/yard.toml", clients=[client(), unheard])
+    agents_that_answer(monkeypatch, hall, yard, snapshot(pid=4713))
+    assert cli.main(["agent", "status"]) == 0
+    rows = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert [row[1] for row in rows if row[:1] in (["AGENT"], ["4711"], ["4713"])] == [
+        "CONFIG", "/etc/uros/hall.toml", "-"
+    ]  # fmt: skip
+    for name in ("yard", "yard.toml", "/etc/uros/yard.toml", "/etc/uros/../uros/yard.toml"):
+        assert cli.main(["agent", "status", "--agent", name]) == 0
+        assert capsys.readouterr().out.startswith("agent 4712, /etc/uros/yard.toml, up ")
+    assert cli.main(["agent", "status", "--agent", "yard", "--check"]) == 0
+    assert capsys.readouterr().out == (
+        "agent 4712 (/etc/uros/yard.toml): ready; boards: 2 (1 not heard since the restart)\n"
+    )
+    assert cli.main(["agent", "status", "--agent", "barn"]) == 1
+    assert capsys.readouterr().err == (
+        "uros: no agent runs here with the configuration file 'barn', but /etc/uros/hall.toml,"
+        " /etc/uros/yard.toml\n"
+    )
+    agents_that_answer(monkeypatch, ToolError("busy"), hall)
+    assert cli.main(["agent", "status", "--agent", "barn"]) == 1
+    assert capsys.readouterr().err.endswith("but /etc/uros/hall.toml; busy\n")
+
+
 def test_of_several_agents_one_does_not_answer(monkeypatch, capsys):
     agents_that_answer(monkeypatch, snapshot(), ToolError("busy"))
-    assert cli.main(["agent", "status"]) == 0
+    assert cli.main(["agent", "status"]) == 1
     printed = capsys.readouterr()
     assert printed.out.startswith("agent 4711, up ") and printed.err == "WARNING: busy\n"
     agents_that_answer(monkeypatch, ToolError("busy"), ToolError("lost"))

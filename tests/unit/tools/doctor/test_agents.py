@@ -17,9 +17,11 @@ from uros.tools.doctor.agents import (
     check_keys,
     check_lines,
     check_middleware,
+    check_others_refused,
     check_port,
+    check_problems,
     check_refused,
-    check_tls,
+    check_silence,
 )
 from uros.tools.doctor.snapshots import Agents
 
@@ -248,25 +250,81 @@ def test_a_board_that_has_moved_once_is_a_note():
 
 
 def test_other_refusals():
-    refused = {"key": "0x000000FF", "why": "not in the list of keys", "address": "10.0.0.9:1",
+    refused = {"key": "0x000000FF", "why": "client key not allowed", "address": "10.0.0.9:1",
                "times": 2, "ago": 0.5}  # fmt: skip
     (one,) = check_refused([snapshot(refused=[refused])])
-    assert one.state == "problem" and "not in the list of keys" in one.what and one.fix
+    assert one.state == "problem" and "client key not allowed" in one.what
+    assert "keys of [admission] (--allow-key)" in one.fix
+    assert check_refused([snapshot(refused=[dict(refused, ago=301.0)])]) == []
 
 
 def test_tls_that_was_refused():
     refusal = {"kind": "connection", "rule": "tls", "times": 4, "address": "10.0.0.9:1",
                "why": "its certificate has expired: give the board a new one"}  # fmt: skip
-    (one,) = check_tls([snapshot(A, refusals=[refusal, dict(refusal, rule="allow_net")])])
-    assert (one.state, one.what, one.fix) == (
+    (one,) = check_others_refused([snapshot(A, refusals=[refusal])])
+    assert (one.check, one.state, one.what, one.fix) == (
+        "tls",
         "note",
-        "the agent 7 refused 4 TLS connections, the latest from 10.0.0.9:1: its certificate has"
+        "agent 7: TLS refused 4 connections, the latest from 10.0.0.9:1: its certificate has"
         " expired",
         "give the board a new one",
     )
+    # It is no stranger's if no board gets through, and past if none was refused for long.
+    (one,) = check_others_refused([snapshot(refusals=[dict(refusal, ago=2.0)])])
+    assert one.state == "problem" and "the latest 2.0 s ago from 10.0.0.9:1" in one.what
+    (one,) = check_others_refused([snapshot(refusals=[dict(refusal, why="closed", ago=2.0)])])
+    assert one.state == "problem" and one.fix
+    (one,) = check_others_refused([snapshot(refusals=[dict(refusal, ago=301.0)])])
+    assert (one.state, one.fix) == ("ok", "") and "none lately: the latest 5 min ago" in one.what
     # An agent of an earlier version has no reasons, and one without refusals no list.
     del refusal["why"], refusal["address"]
-    assert check_tls([snapshot(A, refusals=[refusal]), snapshot(A)]) == []
+    assert check_others_refused([snapshot(A, refusals=[refusal]), snapshot(A)]) == []
+
+
+def test_peers_outside_of_the_networks_are_a_finding_with_the_remedy():
+    refusal = {"kind": "connection", "rule": "allow_net", "times": 135, "address": "127.0.0.1:4",
+               "why": "address not allowed", "ago": 3.0}  # fmt: skip
+    alone = snapshot(refusals=[refusal])
+    (one,) = check_others_refused([alone])
+    assert (one.check, one.state) == ("refused", "problem")
+    assert one.what == (
+        "agent 7: the rule networks of [admission] (--allow-net) refused 135 messages or"
+        " connections, the latest 3.0 s ago from 127.0.0.1:4: address not allowed"
+    )
+    assert one.fix.startswith("add its network to networks of [admission] (--allow-net)")
+    assert check_agents([alone]).fix == "the board may be among what is refused, see below"
+    assert "baud rate" in check_agents([snapshot(refusals=[dict(refusal, ago=301.0)])]).fix
+    (one,) = check_others_refused([snapshot(A, refusals=[refusal])])
+    assert one.state == "note"
+
+
+def test_requests_that_were_refused_are_a_note():
+    refusal = {"kind": "request", "rule": "denied", "times": 1, "address": "10.0.0.5:2018",
+               "why": "0x001(5): the name is forbidden", "ago": 3.0}  # fmt: skip
+    (one,) = check_others_refused([snapshot(refusals=[refusal])])
+    assert one.state == "note" and one.what.endswith(
+        "the agent refused 1 request of boards (denied), the latest 3.0 s ago from 10.0.0.5:2018:"
+        " 0x001(5): the name is forbidden"
+    )
+    assert "baud rate" in check_agents([snapshot(refusals=[refusal])]).fix
+
+
+def test_an_agents_own_problems():
+    texts = ["sessions are not kept in /run/s: no space", "nothing is captured into /run/c: full"]
+    found = check_problems([snapshot(A, problems=texts), snapshot(pid=8, problems=[])])
+    assert [one.state for one in found] == ["problem", "problem"]
+    assert found[0].what == f"the agent 7 has a problem: {texts[0]}"
+    assert found[0].fix.endswith("uros agent status --agent 7")
+
+
+def test_boards_that_are_silent_are_a_note():
+    silent = dict(A, heard_ago=60.0, heard_since_restart=True)
+    restored = dict(B, heard_ago=180.0, heard_since_restart=False)
+    first, second = check_silence([snapshot(silent, restored, dict(A, heard_ago=59.0))])
+    assert (first.state, first.what) == (
+        "note", "the board 0x0000000A at 10.0.0.5:2018 has sent nothing to the agent 7 for 60 s"
+    )  # fmt: skip
+    assert second.what.endswith("nothing to the agent 7 since the agent's restart 3 min ago")
 
 
 def test_an_agent_with_the_memory_middleware():
@@ -332,6 +390,10 @@ def test_agents_are_queried_in_turn():
     only = Agents(8, find=lambda: list(told), ask=told.__getitem__)
     only.look()
     assert only.pids == {8}
+    told["b"]["config"] = "/etc/uros/hall.toml"
+    only = Agents("hall", find=lambda: list(told), ask=told.__getitem__)
+    only.look()
+    assert only.pids == {8} and not only.failed
 
 
 def test_agents_that_do_not_answer():

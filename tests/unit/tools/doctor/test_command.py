@@ -315,7 +315,8 @@ def test_findings_are_printed_at_once(place, capsys):
         (["--port", "9" * 5000], "not a port"),
         (["--domain", "233"], "not a domain"),
         (["--seconds", "0"], "not a number above 0"),
-        (["--agent", "me"], "not an integer"),
+        (["--agent", "0"], "not an integer"),
+        (["--agent", ""], "neither a pid nor a configuration file"),
     ],
 )
 def test_invalid_options(options, words, capsys):
