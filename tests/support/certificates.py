@@ -38,8 +38,10 @@ class Authority:
         """(certificate, key) of an agent on this machine."""
         return self.issue("agent", **options)
 
-    def revoke(self, *certificates, path=None, days=7):
+    def revoke(self, *certificates, path=None, days=7, age=30):
         """Write a revocation list of these certificate files that ends in so many days; its path.
+
+        It is so many days old.
 
         It has no other certificates, also if another list was written before.
         """
@@ -49,7 +51,7 @@ class Authority:
         builder = (
             x509.CertificateRevocationListBuilder()
             .issuer_name(issuer.subject)
-            .last_update(now - datetime.timedelta(30))
+            .last_update(now - datetime.timedelta(age))
             .next_update(now + datetime.timedelta(days))
         )
         for file in certificates:

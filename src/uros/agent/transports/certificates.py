@@ -20,8 +20,9 @@ MAX_FILE: Final = 1024 * 1024
 # The most resumable sessions: OpenSSL keeps 20,000 with their certificates, for clients of TLS 1.2
 # that close properly. A new context drops them.
 MAX_SESSIONS: Final = 256
-# So many seconds before a file ends, its end is announced.
-SOON: Final = 30 * 86_400.0
+_DAY_SECONDS: Final = 86_400.0
+# So many seconds before a certificate ends, its end is announced.
+SOON: Final = 30 * _DAY_SECONDS
 _HELP: Final = "docs/security.md has the commands"
 
 
@@ -271,7 +272,7 @@ class Certificates:
                     f"--tls-crl {self.crl}: a revocation list ended on {_day(revoked.ends)}, so no"
                     f" board of its CA is admitted: make a new one; {_HELP}"
                 )
-            elif revoked.ends is not None and revoked.ends < now + soon:
+            elif revoked.ends is not None and revoked.ends < now + min(soon, _notice(revoked)):
                 found.append(f"--tls-crl {self.crl}: a revocation list ends on"
                              f" {_day(revoked.ends)}: make a new one before")  # fmt: skip
         return found
@@ -305,6 +306,18 @@ class Certificates:
         except OSError as error:
             return error.strerror or str(error)
         return ""
+
+
+def _notice(revoked: RevocationList) -> float:
+    """Return how many seconds before a revocation list ends its end is announced.
+
+    It is a tenth of the list's lifetime, but at least a day. For lists that live for two days or
+    less it is half of the lifetime, since a new one would be announced at once otherwise.
+    """
+    if revoked.ends is None:
+        return 0.0
+    lifetime = revoked.ends - revoked.begins
+    return min(max(lifetime / 10, _DAY_SECONDS), lifetime / 2)
 
 
 def _known(read: Callable[[str], list[_T]], pem: str) -> list[_T]:

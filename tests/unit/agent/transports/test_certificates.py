@@ -161,7 +161,8 @@ def test_each_file_that_ends_is_named_with_the_day(tmp_path):
     assert doubts(0) == []
     (early,) = doubts(-3)
     assert early.startswith(f"--tls-cert {files[0]} is valid from {now - day:%Y-%m-%d} on")
-    (soon,) = doubts(40)
+    assert doubts(50) == []  # the list lives for 90 days, a tenth of which is 9
+    (soon,) = doubts(52)
     assert soon == (
         f"--tls-crl {tmp_path}/crl.pem: a revocation list ends on {now + 60 * day:%Y-%m-%d}:"
         " make a new one before"
@@ -201,6 +202,24 @@ def test_which_files_that_have_ended_let_no_board_connect(tmp_path):
     assert abs(ends["tls_crl"] - (now + 3 * day)) < 60
     assert list(Certificates(*files).not_after()) == ["tls_cert"]
     assert judged(days=-1000 * 365) == (False, 3)  # the certificate and the CAs are not valid yet
+
+
+@pytest.mark.parametrize(
+    ("lifetime", "notice"), [(400, 30), (300, 30), (30, 3), (7, 1), (2, 1), (1, 0.5)]
+)
+def test_a_list_that_ends_is_announced_for_a_tenth_of_its_lifetime(tmp_path, lifetime, notice):
+    day = datetime.timedelta(days=1)
+    now = datetime.datetime.now(datetime.timezone.utc)
+    authority = Authority(tmp_path)
+    files = *authority.agent(not_before=now - day, not_after=now + 900 * day), authority.ca
+    certificates = Certificates(*files, authority.revoke(days=lifetime, age=0))
+
+    def doubts(days):
+        return certificates.doubts((now + days * day).timestamp())
+
+    assert doubts(0) == doubts(lifetime - notice - 0.01) == []
+    (soon,) = doubts(lifetime - notice + 0.01)
+    assert "a revocation list ends on" in soon
 
 
 @pytest.mark.parametrize(
