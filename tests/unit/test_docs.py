@@ -570,7 +570,7 @@ def test_the_metrics_on_the_page_are_those_of_the_agent():
             listed.append(name.replace("…_", stem))
     wanted = {"uros_agent_info", "uros_agent_uptime_seconds", "uros_clients",
               "uros_refused_clients", "uros_refusals_total", "uros_client_info",
-              "uros_client_silence_seconds",
+              "uros_client_silence_seconds", "uros_tls_not_after_timestamp_seconds",
               "uros_transport_connections"}  # fmt: skip
     clients = prometheus._CLIENT
     wanted |= {f"uros_client_{name}{'_total' * counts}" for name, _, counts, _ in clients}
@@ -578,6 +578,17 @@ def test_the_metrics_on_the_page_are_those_of_the_agent():
     assert sorted(listed) == sorted(wanted)
     page = " ".join(SEEING.read_text("utf-8").split())
     assert f"the first {prometheus.MAX_SERIES} share one" in page
+
+
+def test_the_rules_that_refuse_on_the_page_are_those_of_the_metric():
+    from uros.agent.observability import prometheus
+
+    listed = [
+        (kind.strip("`"), rule)
+        for kind, rules, _ in table(PRODUCTION, "`kind`", "`rule`", "refused")
+        for rule in re.findall(r"`(\w+)`", rules)
+    ]
+    assert sorted(listed) == sorted(prometheus._REFUSALS)
 
 
 def test_the_log_messages_of_tls_on_the_page_are_in_the_sources():

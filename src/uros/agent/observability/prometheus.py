@@ -54,6 +54,17 @@ _NOT_INSTALLED: Final = (
     " prometheus_client"
 )
 
+# The values of kind and rule. All are exported from the start, as 0: rate() and increase() see no
+# change in the first sample of a series, which would be the first refusal.
+_REFUSALS: Final = (
+    *(("board", rule) for rule in (
+        "allow_key", "allow_net", "key_in_use", "max_clients", "max_memory", "protocol",
+    )),
+    *(("connection", rule) for rule in ("allow_net", "connections", "tls")),
+    *(("request", rule) for rule in (
+        "denied", "resources", "invalid_data", "unknown_reference", "already_exists", "dds_error",
+    )),
+)  # fmt: skip
 # (name, description, counter or gauge, path in the client's part of the snapshot)
 _CLIENT: Final = (
     ("received_messages", "Messages from the board", True, ("received", "messages")),
@@ -109,8 +120,10 @@ def families(snapshot: dict[str, Any]) -> Iterator[Metric]:
         "uros_refusals", "Boards, requests and connections that were refused",
         labels=["kind", "rule"],
     )  # fmt: skip
-    for refusal in snapshot["refusals"]:
-        refusals.add_metric([refusal["kind"], refusal["rule"]], refusal["times"])
+    counts = dict.fromkeys(_REFUSALS, 0)
+    counts.update({(each["kind"], each["rule"]): each["times"] for each in snapshot["refusals"]})
+    for kind_and_rule, times in counts.items():
+        refusals.add_metric(kind_and_rule, times)
     yield refusals
 
     transports = [
@@ -131,6 +144,15 @@ def families(snapshot: dict[str, Any]) -> Iterator[Metric]:
         if "connections" in transport:
             connections.add_metric(labels, transport["connections"])
     yield connections
+    ends = GaugeMetricFamily(
+        "uros_tls_not_after_timestamp_seconds",
+        "When the first certificate or list in a file ends, in seconds since 1970",
+        labels=["transport", "where", "file"],
+    )
+    for labels, transport in transports:
+        for file, moment in transport["not_after"].items():
+            ends.add_metric([*labels, file], moment)
+    yield ends
 
     about = "Address and first node of a board, always 1"
     info = GaugeMetricFamily(

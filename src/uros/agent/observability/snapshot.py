@@ -8,7 +8,8 @@ client sends the time since its start there. ``heard_since_restart`` is false fo
 restored from a state file and has sent nothing since. ``rate`` is messages a second, and ``recent``
 are counts, over the last ``rate_over`` seconds. ``round_trip`` is the mean time in seconds, in that
 time, from the last sending of a message to its acknowledgement, null without one;
-``unacknowledged_for`` is the time since the oldest message without one was sent.
+``unacknowledged_for`` is the time since the oldest message without one was sent. ``not_after`` is
+when the first certificate or list in each file of TLS ends, in seconds since 1970.
 """
 
 from __future__ import annotations
@@ -252,6 +253,7 @@ def _transport(transport: ServerTransport) -> dict[str, Any]:
         "name": transport.name,
         "kind": transport.kind,
         "label": cut(transport.label()),
+        "not_after": transport.not_after(),
         **transport.counters(),
     }
 

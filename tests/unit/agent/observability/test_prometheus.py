@@ -1,29 +1,39 @@
 """--metrics: the pages for Prometheus, and requests that must not harm the agent."""
 
+import datetime
+import inspect
 import json
+import re
 import socket
 import sys
 import threading
 import urllib.error
 import urllib.request
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 from prometheus_client import CollectorRegistry
 from prometheus_client.openmetrics.parser import text_string_to_metric_families as openmetrics
 from prometheus_client.parser import text_string_to_metric_families
 from support.agent import RunningAgent, serving
+from support.certificates import Authority
 from support.client import XrceClient
 from support.lines import SECONDS
 from support.waiting import eventually
 from unit.agent.transports.faults import wait_for
 from unit.agent.transports.test_process import agent as process
 
+from uros import agent as agent_package
 from uros import http_server
+from uros.agent.objects.client import ProxyClient
 from uros.agent.observability import prometheus as module
 from uros.agent.observability.prometheus import Metrics, families
 from uros.agent.observability.snapshot import pieces
+from uros.agent.policy.admission import _RULES, KEY_NOT_ALLOWED
 from uros.agent.transports.base import TransportError
+from uros.agent.transports.certificates import Certificates
+from uros.agent.transports.tls import TlsServer
 from uros.printable import printable
 from uros.wire import ids
 
@@ -148,6 +158,50 @@ def test_metric_names_are_valid_and_texts_of_boards_are_escaped():
     assert not any("\u202e" in str(metric) or "\x1b" in str(metric) for metric in metrics)
     for family in families(snapshot):
         assert family.documentation and family.name.startswith("uros_")
+
+
+def test_each_rule_that_refuses_is_0_before_its_first_refusal():
+    """Otherwise rate() does not see the first one."""
+    with measured() as running:
+        metrics = samples(get(running)[0])
+        assert value_of(metrics, "uros_refusals_total", kind="board", rule="allow_key") == 0
+        refusals = running.agent.refusals
+        running.server.soon(lambda: refusals.note(7, KEY_NOT_ALLOWED, "somewhere", 0.0))
+        metrics = samples(get(running)[0])
+    assert value_of(metrics, "uros_refusals_total", kind="board", rule="allow_key") == 1
+    counts = [value for metric, value in metrics.items() if metric[0] == "uros_refusals_total"]
+    assert len(counts) == len(module._REFUSALS) and sum(counts) == 1
+
+
+def test_the_rules_that_refuse_are_those_of_the_agent():
+    sources = Path(agent_package.__file__).parent
+    transports = "".join(path.read_text("utf-8") for path in sources.glob("transports/*.py"))
+    create = inspect.getsource(ProxyClient._create)
+    connection = {"allow_net", *re.findall(r'on_refused\("(\w+)"', transports)}
+    request = {name.lower() for name in re.findall(r"ids\.STATUS_ERR_(\w+)", create)}
+    wanted = {
+        *(("board", rule) for _, rule in _RULES),
+        *(("connection", rule) for rule in connection),
+        *(("request", rule) for rule in request),
+    }
+    assert sorted(module._REFUSALS) == sorted(wanted)
+
+
+def test_when_the_files_of_tls_end(tmp_path):
+    ca = Authority(tmp_path)
+    day = datetime.timedelta(1)
+    ends = datetime.datetime.now(datetime.timezone.utc).replace(microsecond=0) + 3 * day
+    files = Certificates(*ca.agent(not_after=ends), ca.ca, ca.revoke(days=7))
+    name = "uros_tls_not_after_timestamp_seconds"
+    with measured(TlsServer(0, "127.0.0.1", files)) as running:
+        metrics = samples(get(running)[0])
+        where = {"transport": running.transport.name, "where": running.transport.label()}
+    assert value_of(metrics, name, file="tls_cert", **where) == ends.timestamp()
+    until_new_list = value_of(metrics, name, file="tls_crl", **where) - ends.timestamp()
+    assert abs(until_new_list - 4 * 86_400) < 60
+    assert value_of(metrics, name, file="tls_ca", **where) > ends.timestamp()
+    with measured() as running:
+        assert name + "{" not in get(running)[0]
 
 
 def test_boards_over_the_limit_share_one_series(monkeypatch):

@@ -481,7 +481,7 @@ def test_transports_count_received_messages(transport, own):
         # CREATE_CLIENT belongs to no session.
         assert transport_entry["messages"] == board["received"]["messages"] + 1
         assert transport_entry["bytes"] > board["received"]["bytes"] > 100
-        common = {"name", "kind", "label", "messages", "bytes"}
+        common = {"name", "kind", "label", "not_after", "messages", "bytes"}
         extra = {name: count for name, count in transport_entry.items() if name not in common}
         if "frames" in own:
             own = {**own, "frames": transport_entry["messages"]}
