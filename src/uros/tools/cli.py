@@ -30,11 +30,13 @@ class Verb(NamedTuple):
         help: What the command does.
         module: The module below ``uros.tools``.
         ros_args: Whether ``--ros-args`` is accepted and ignored.
+        words: The commands that the module itself takes.
     """
 
     help: str
     module: str
     ros_args: bool = False
+    words: tuple[str, ...] = ()
 
 
 class Group(NamedTuple):
@@ -51,7 +53,9 @@ class Group(NamedTuple):
     option: str = ""
 
 
-_AGENT: Final = Verb("serve micro-ROS boards", "agent.command", ros_args=True)
+_AGENT: Final = Verb(
+    "serve micro-ROS boards", "agent.command", ros_args=True, words=("status", "check", "ament")
+)
 _ROOT: Final = Group(
     "micro-ROS in Python: the agent and the tools",
     {
@@ -204,6 +208,9 @@ _ROS2: Final[Mapping[str, tuple[str, ...]]] = {
     "": ("component", "launch"),
 }
 
+# The most commands one level down that are named for an unknown one.
+_MOST_BELOW: Final = 3
+
 _INTERRUPTED: Final = 130
 _BROKEN_PIPE: Final = 141
 
@@ -266,7 +273,8 @@ def _run_group(prog: str, group: Group, argv: list[str]) -> int:
     if argv and not argv[0].startswith("-"):
         from .errors import did_you_mean
 
-        hint = _elsewhere(group, argv[0]) or did_you_mean(argv[0], group.members)
+        hint = _elsewhere(group, argv[0]) or _below(group, argv[0])
+        hint = hint or did_you_mean(argv[0], group.members)
         parser.error(
             f"there is no command {argv[0]!r}{hint} (commands: {', '.join(group.members)})"
         )
@@ -283,6 +291,19 @@ def _elsewhere(group: Group, name: str) -> str:
     if name not in _ROS2.get(path, ()):
         return ""
     return f"; boards are ordinary nodes for '{' '.join(['ros2', *path.split(), name])}' of ROS 2"
+
+
+def _below(group: Group, name: str) -> str:
+    """Return which commands of this name there are one level down, or nothing."""
+    if group is not _ROOT:
+        return ""
+    found = [
+        f"'uros {word} {name}'"
+        for word, member in group.members.items()
+        if name in (member.words if isinstance(member, Verb) else member.members)
+    ]
+    more = " or others" * (len(found) > _MOST_BELOW)
+    return f"; did you mean {' or '.join(found[:_MOST_BELOW])}{more}?" if found else ""
 
 
 def _run_verb(prog: str, verb: Verb, argv: list[str], option: str = "") -> int:

@@ -79,6 +79,13 @@ def test_version(capsys):
             ["launch", "x"],
             "there is no command 'launch'; boards are ordinary nodes for 'ros2 launch' of",
         ),
+        (["status"], "there is no command 'status'; did you mean 'uros agent status'? (commands"),
+        (["record"], "did you mean 'uros bag record'?"),
+        (
+            ["echo", "/x"],
+            "did you mean 'uros topic echo' or 'uros service echo' or 'uros action echo'"
+            " or others?",
+        ),
         (["wtf"], "'wtf'; uros doctor does that (commands: "),
         (["--topic"], "unrecognized arguments: --topic"),
         (["topic", "echo", "/x", "--onec"], "--onec; did you mean '--once'?"),
@@ -107,6 +114,12 @@ def test_a_wrong_command_line(arguments, said, capsys):
     assert re.search(r" \(help: uros[a-z0-9 ]* --help\)\n$", captured.err)
     assert captured.err.count("\n") == 1 and "usage" not in captured.err
     assert captured.out == ""
+
+
+def test_the_commands_of_the_agent_are_known_one_level_up():
+    from uros.tools.agent import command
+
+    assert cli.commands().members["agent"].words == command._VERBS
 
 
 @pytest.mark.parametrize("kind", [ToolError, MiddlewareError, InterfaceError])
