@@ -376,7 +376,10 @@ def _other_refusal(refusal: dict[str, Any]) -> str:
 def _wrapped(text: str, width: int, first: str = "  ") -> list[str]:
     import textwrap
 
-    return textwrap.wrap(text, min(width, 100), initial_indent=first, subsequent_indent="  ")
+    return textwrap.wrap(
+        text, min(width, 100), initial_indent=first, subsequent_indent="  ",
+        break_on_hyphens=False,
+    )  # fmt: skip
 
 
 def _endpoints(client: dict[str, Any], width: int) -> list[str]:

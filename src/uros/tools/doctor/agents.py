@@ -112,7 +112,10 @@ def check_agents(snapshots: Sequence[Snapshot]) -> Finding:
     agents = []
     for snapshot in snapshots:
         count = len(snapshot.get("clients", []))
-        agents.append(f"pid {snapshot.get('pid')} with {count} board{'s' if count != 1 else ''}")
+        config = f" ({snapshot['config']})" if snapshot.get("config") else ""
+        agents.append(
+            f"pid {snapshot.get('pid')}{config} with {count} board{'s' if count != 1 else ''}"
+        )
     if all(not snapshot.get("clients") for snapshot in snapshots):
         running = "a uros agent runs" if len(snapshots) == 1 else "uros agents run"
         fix = (

@@ -209,6 +209,8 @@ def test_which_agents_run():
     assert one.state == "ok" and "pid 7 with 2 boards, pid 8 with 0 boards" in one.what
     assert one.fix == "to check one of them alone: uros doctor --agent PID"
     assert check_agents([snapshot(A)]).fix == ""
+    one = check_agents([snapshot(A, config="/etc/uros/hall.toml")])
+    assert one.what == "uros agents: pid 7 (/etc/uros/hall.toml) with 1 board"
 
 
 def test_keys_that_are_all_different():
