@@ -32,6 +32,7 @@ ALLOWED = {
     "token_bucket": set(),
     "addresses": set(),
     "poller": set(),
+    "file_lock": set(),
     "drivers": set(),
     "control": set(),
     "qos": {"wire"},
@@ -41,20 +42,20 @@ ALLOWED = {
     "middleware": {"interfaces", "qos", "names", "token_bucket", "addresses", "poller"},
     "agent": {
         "wire", "ticks", "transport", "middleware", "qos", "names", "printable", "http_server",
-        "token_bucket", "addresses", "poller",
+        "token_bucket", "addresses", "poller", "file_lock",
     },
     "host": {"client", "middleware", "interfaces", "qos", "names", "printable"},
-    "bag": {"interfaces", "qos", "names", "printable"},
+    "bag": {"interfaces", "qos", "names", "printable", "file_lock"},
     "dashboard": {"drivers", "http_server"},
     "boards": {
         "wire", "transport", "client", "control", "drivers", "middleware", "interfaces", "agent",
         "host", "dashboard", "qos", "ticks", "names", "printable", "http_server", "moved",
-        "token_bucket", "addresses", "poller", "bag",
+        "token_bucket", "addresses", "poller", "file_lock", "bag",
     },
     "tools": {
         "wire", "transport", "client", "control", "drivers", "middleware", "interfaces", "agent",
         "host", "boards", "dashboard", "qos", "ticks", "names", "printable", "http_server", "moved",
-        "token_bucket", "addresses", "poller", "bag",
+        "token_bucket", "addresses", "poller", "file_lock", "bag",
     },
 }  # fmt: skip
 # Packages within a room: what they must not import, and why.
@@ -86,6 +87,7 @@ FULL = {
     "": {
         "__main__",
         "addresses",
+        "file_lock",
         "http_server",
         "moved",
         "names",

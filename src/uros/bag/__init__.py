@@ -22,6 +22,7 @@
 ``sqlite_salvage``    Finds what can still be read of a damaged SQLite file.
 ``qos_profiles``      QoS profiles in metadata, with numbers or names for policies.
 ``yaml_text``         YAML of bags, read and written by PyYAML within limits.
+``lock``              The lock of a bag that is recorded or recovered.
 ``errors``            The error of bags.
 ====================  ============================================================================
 """

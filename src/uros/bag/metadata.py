@@ -14,6 +14,7 @@ from typing import Any, Final
 from ..qos import QoSProfile
 from . import qos_profiles, yaml_text
 from .errors import BagError
+from .lock import in_use, is_locked
 
 FILE_NAME: Final = "metadata.yaml"
 VERSION: Final = 9
@@ -103,6 +104,8 @@ def read_metadata(folder: str | os.PathLike[str]) -> BagMetadata:
         with open(path, "rb") as file:
             text = file.read(yaml_text.MAX_TEXT + 1)
     except FileNotFoundError as error:
+        if is_locked(Path(folder)):
+            raise BagError(in_use(folder)) from error
         raise BagError(
             f"{folder}: no {FILE_NAME} in it; 'uros bag recover {folder}' finishes a recording that"
             f" was cut off, 'uros bag reindex {folder}' writes {FILE_NAME} for whole files"

@@ -13,9 +13,10 @@ from pathlib import Path
 from typing import Final
 
 from .errors import BagError, Reported
+from .lock import locked
 from .metadata import BagMetadata
 from .reader import open_reader
-from .reindex import bag_files, reindex
+from .reindex import bag_files, write_index
 from .storage import DEFAULT_CHUNK, check_storage, storage_of
 
 _UNFINISHED: Final = ".recovering"
@@ -59,17 +60,19 @@ def recover(uri: str | os.PathLike[str], storage: str = "") -> list[RecoveredFil
         What became of each file.
 
     Raises:
-        BagError: There is no bag, nothing of a file can be read, or no room for the new file. The
-            originals are then as they were.
+        BagError: There is no bag, another program writes it, nothing of a file can be read, or no
+            room for the new file. The originals are then as they were.
     """
     path = Path(uri)
     if path.is_dir():
-        results = [_recover_file(file, storage_of(file)) for file in bag_files(path, storage)]
-        reindex(path, storage)
+        with locked(path):
+            results = [_recover_file(file, storage_of(file)) for file in bag_files(path, storage)]
+            write_index(path, storage)
         return results
     if not path.exists():
         raise BagError(f"{uri}: no such folder or file")
-    return [_recover_file(path, storage or storage_of(path))]
+    with locked(path.parent):
+        return [_recover_file(path, storage or storage_of(path))]
 
 
 def _recover_file(path: Path, storage: str) -> RecoveredFile:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from .errors import BagError
+from .lock import locked
 from .metadata import NO_TIME, BagMetadata, TopicMetadata, write_metadata
 from .packed import FORMAT, MESSAGE, is_packed
 from .reader import open_reader
@@ -28,8 +29,15 @@ def reindex(folder: str | os.PathLike[str], storage: str = "") -> BagMetadata:
         What was written.
 
     Raises:
-        BagError: There is no file of a bag in the folder, or one of them is damaged.
+        BagError: There is no file of a bag in the folder, one of them is damaged, or another
+            program writes the bag.
     """
+    with locked(Path(folder)):
+        return write_index(folder, storage)
+
+
+def write_index(folder: str | os.PathLike[str], storage: str = "") -> BagMetadata:
+    """Do what `reindex` does, for a caller who has the lock of the folder."""
     files = bag_files(folder, storage)
     parts = []
     for path in files:

@@ -11,6 +11,7 @@ from ..interfaces import InterfaceError, distro
 from . import compression as compressions
 from .definitions import definition_text, topic_type_hash
 from .errors import BagError, Reported
+from .lock import FolderLock, in_use
 from .metadata import BagMetadata, FileInformation, TopicMetadata, write_metadata
 from .storage import DEFAULT, DEFAULT_CHUNK, SUFFIXES, FileWriter, check_storage
 
@@ -24,7 +25,8 @@ class BagWriter:
     """A bag that is written.
 
     A file of the bag is finished when the next one begins and at `close`; ``metadata.yaml`` is
-    written at `close`. `uros.bag.recover` finishes what a killed process has left.
+    written at `close`. `uros.bag.recover` finishes what a killed process has left, and refuses a
+    bag that is still written: its folder is locked.
 
     Args:
         uri: The folder, which must not exist. Its name is the first part of the files' names.
@@ -79,9 +81,17 @@ class BagWriter:
             ) from error
         except OSError as error:
             raise BagError(f"{uri}: {error.strerror}") from error
+        try:
+            self._lock = FolderLock(self._folder)
+        except BlockingIOError as error:  # of a recovery that was just started
+            raise BagError(in_use(uri)) from error
         self._path = self._folder
         self._reported = Reported(self._folder)
-        self._file = self._open_file()
+        try:
+            self._file = self._open_file()
+        except BaseException:
+            self._lock.release()
+            raise
 
     def __enter__(self) -> BagWriter:
         return self
@@ -207,8 +217,7 @@ class BagWriter:
             BagError: A file cannot be written.
         """
         finished = self._path
-        with self._reported:
-            self._file.close(self.metadata)
+        self._finish_file(self.metadata)
         self._file = self._open_file()
         with self._reported:
             for number, topic in enumerate(self._topics):
@@ -225,9 +234,11 @@ class BagWriter:
             return
         self._closed = True
         metadata = self.metadata
-        with self._reported:
-            self._file.close(metadata)
-        write_metadata(self._folder, metadata)
+        try:
+            self._finish_file(metadata)
+            write_metadata(self._folder, metadata)
+        finally:
+            self._lock.release()
 
     def _check(self, compression: str | None) -> None:
         check_storage(self._storage)
@@ -250,6 +261,28 @@ class BagWriter:
         age = received_ns - file.starting_time_ns
         return bool(self._max_duration_ns) and age > self._max_duration_ns
 
+    def _finish_file(self, metadata: BagMetadata) -> None:
+        failure: BagError | None = None
+        try:
+            with self._reported:
+                self._file.close(metadata)
+        except BagError as error:
+            failure = error
+        if not self._is_there():
+            raise BagError(
+                f"{self._path}: another program has replaced or removed this file; what was"
+                " recorded since then is lost"
+            ) from failure
+        if failure is not None:
+            raise failure
+
+    def _is_there(self) -> bool:
+        """Return whether the path still names the file that is written."""
+        try:
+            return os.path.samestat(os.stat(self._path), self._status)
+        except OSError:
+            return False
+
     def _open_file(self) -> FileWriter:
         number = len(self._metadata.files)
         name = f"{self._folder.resolve().name}_{number}{SUFFIXES[self._storage]}"
@@ -257,10 +290,14 @@ class BagWriter:
         self._reported = Reported(path)
         self._metadata.files.append(FileInformation(name))
         with self._reported:
+            file: FileWriter
             if self._storage == "mcap":
                 from .mcap_writer import McapWriter
 
-                return McapWriter(path, self._compression, self._chunk_size, self.metadata)
-            from .sqlite_writer import SqliteWriter
+                file = McapWriter(path, self._compression, self._chunk_size, self.metadata)
+            else:
+                from .sqlite_writer import SqliteWriter
 
-            return SqliteWriter(path, self.metadata)
+                file = SqliteWriter(path, self.metadata)
+            self._status = os.stat(path)
+        return file

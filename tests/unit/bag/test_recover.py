@@ -12,6 +12,7 @@ from uros.bag.errors import BagError
 from uros.bag.metadata import TopicMetadata
 from uros.bag.reader import BagReader
 from uros.bag.recover import recover
+from uros.bag.reindex import reindex
 from uros.bag.writer import BagWriter
 
 KINDS = [("mcap", None), ("mcap", "zstd"), ("mcap", "lz4"), ("sqlite3", None)]
@@ -98,6 +99,35 @@ def test_nothing_to_recover_is_an_error_and_changes_nothing(tmp_path, content):
             recover(file)
         assert file.read_bytes() == content
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a_0.mcap", "b_0.db3"]
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_a_bag_that_is_recorded_is_left_alone(tmp_path, storage):
+    """Else the recorder would go on in a file that nobody sees."""
+    folder = tmp_path / "bag"
+    with BagWriter(folder, storage) as writer:
+        number = writer.add_topic(TopicMetadata("/a", "std_msgs/msg/Int32"))
+        writer.write(number, b"\0\1\0\0\1\0\0\0", 1, 1)
+        writer.flush()
+        for use in (recover, reindex, BagReader):
+            with pytest.raises(BagError, match="another program is recording"):
+                use(folder)
+        with pytest.raises(BagError, match="another program is recording"):
+            recover(writer.path)
+        writer.write(number, b"\0\1\0\0\2\0\0\0", 2, 2)
+    assert [message.received_ns for message in BagReader(folder).messages()] == [1, 2]
+    (result,) = recover(folder)
+    assert (result.kept, result.rewritten) == (2, False)
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_a_recorder_reports_that_its_file_was_replaced(tmp_path, storage):
+    writer = BagWriter(tmp_path / "bag", storage)
+    content = writer.path.read_bytes()
+    writer.path.rename(tmp_path / "moved")
+    writer.path.write_bytes(content)
+    with pytest.raises(BagError, match="replaced or removed"):
+        writer.close()
 
 
 def test_a_full_disk_leaves_the_original(tmp_path, monkeypatch):

@@ -6,7 +6,6 @@
                       file
 ``diagnostic_array``  ``diagnostic_msgs/msg/DiagnosticArray`` in CDR
 ``diagnostics``       ``--diagnostics``: the state of boards on ``/diagnostics``, for ROS tools
-``file_lock``         Locks a file that one agent writes, so that a second one is refused
 ``format``            Formats one XRCE message of either direction as a line of text
 ``health``            Tells how a board or the agent is, as a diagnostic status
 ``jsonl``             The text format of captures and of ``uros trace``: one JSON line a message

@@ -21,12 +21,12 @@ import threading
 from datetime import datetime, timezone
 from typing import TYPE_CHECKING, Final
 
+from ...file_lock import lock
 from ...printable import printable
 from ..log import RateLimit, unexpected
 from ..objects.kinds import key_label
 from ..policy.admission import RefusalEvent
 from ..transports.base import ERROR, INFO, WARNING
-from .file_lock import lock
 
 if TYPE_CHECKING:
     from ..server import Server

@@ -15,8 +15,8 @@ import stat
 import threading
 from typing import Final, NamedTuple, Protocol
 
+from ...file_lock import lock
 from ..log import Log, RateLimit, unexpected
-from .file_lock import lock
 from .jsonl import JsonLinesEncoder
 from .message_hooks import MessageEvent, MessageHooks
 from .pcapng import MAGIC, PcapngEncoder

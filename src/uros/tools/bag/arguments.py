@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import argparse
 import os
+from pathlib import Path
+
+from ..errors import did_you_mean
 
 
 def add_bag(parser: argparse.ArgumentParser) -> None:
@@ -25,5 +28,13 @@ def add_storage(parser: argparse.ArgumentParser, default: str) -> None:
 def existing_path(text: str) -> str:
     """Parse the path of a folder or file that exists."""
     if not os.path.exists(text):
-        raise argparse.ArgumentTypeError(f"{text!r}: no such folder or file")
+        meant = did_you_mean(Path(text).name, _beside(text))
+        raise argparse.ArgumentTypeError(f"{text!r}: no such folder or file{meant}")
     return text
+
+
+def _beside(text: str) -> list[str]:
+    try:
+        return os.listdir(Path(text).parent)
+    except OSError:
+        return []

@@ -53,6 +53,8 @@ def run(args: argparse.Namespace) -> int:
     from ...bag.reader import BagReader
 
     reader = BagReader(args.bag_path, args.storage)
+    if not args.verbose:  # with -v the messages are read, which fails
+        warn_of_damage(reader)
     if args.topic_name and args.verbose:
         print("uros bag info: -t has no effect beside -v", file=sys.stderr)
     if args.topic_name and not args.verbose:
@@ -104,6 +106,24 @@ class Contents:
             kind, _, _, client, sequence = struct.unpack_from(form, cdr, 4)
             calls = self.requests if kind in _REQUESTS else self.responses
             calls[topic].add((client, sequence))
+
+
+def warn_of_damage(reader: BagReader) -> None:
+    """Name the files that cannot be read, on standard error: metadata.yaml does not tell.
+
+    Files that are compressed as a whole are not unpacked for this.
+    """
+    from ...bag.errors import BagError
+    from ...bag.reader import open_reader
+    from ...bag.storage import PACKED_SUFFIX
+
+    for path in reader.files:
+        if path.name.lower().endswith(PACKED_SUFFIX):
+            continue
+        try:
+            open_reader(path, reader.metadata.storage).close()
+        except BagError as error:
+            print(f"uros bag info: {printable(' '.join(str(error).split()))}", file=sys.stderr)
 
 
 def contents(reader: BagReader, args: argparse.Namespace) -> Contents | None:

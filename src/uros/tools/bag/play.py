@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 from ..common import discover, join, positive_float, positive_int, topic_name, unsigned_int
 from ..ending import StopSignals
 from ..errors import ToolError, UsageError, did_you_mean
-from .arguments import add_storage
+from .arguments import add_storage, existing_path
 from .options import add_running, add_selection, selected
 from .status_line import PERIOD, StatusLine
 
@@ -47,9 +47,11 @@ _SWITCH_INTERVAL: Final = 0.0005
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of ``uros bag play``."""
-    parser.add_argument("bags", metavar="BAG", nargs="*", help="folder or file of a bag")
     parser.add_argument(
-        "-i", "--input", metavar="BAG", action="append", default=[],
+        "bags", metavar="BAG", nargs="*", type=existing_path, help="folder or file of a bag"
+    )
+    parser.add_argument(
+        "-i", "--input", metavar="BAG", action="append", default=[], type=existing_path,
         help="a bag to play together with others; may be repeated",
     )  # fmt: skip
     add_storage(parser, "what the bag says")
@@ -216,6 +218,9 @@ class _Session:
         self._start_ns, self._until_ns = span(readers, args)
         self._began_ns = self._start_ns
         self._end_ns = max((reader.metadata.end_time_ns for reader in readers), default=0)
+        if self._start_ns > self._end_ns:
+            lasts = (self._end_ns - self._start_ns) / 1e9 + args.start_offset
+            self._console.warn(f"--start-offset {args.start_offset:g}: the bag ends at {lasts:.1f}")
         self._has_clock = bool(args.clock or args.clock_topics or args.clock_topics_all)
         overrides = read_overrides(args.qos_profile_overrides_path)
         self._outputs = self._create_outputs(remaps, overrides)

@@ -315,8 +315,8 @@ class _Session:
         for name in self._recorder.missing():
             topics = self._network.graph.topics()
             self._console.warn(
-                f"{name} is not there yet{remedy(self._network, name, topics)}; it is recorded as"
-                " soon as it appears"
+                f"{name} is recorded as soon as it appears; it is not there yet"
+                f"{remedy(self._network, name, topics)}"
             )
 
     def _state(self) -> str:

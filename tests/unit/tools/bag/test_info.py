@@ -1,4 +1,5 @@
 import json
+import os
 import re
 import struct
 
@@ -122,6 +123,22 @@ def test_the_storage_may_be_given(bag, capsys, storage, status):
 def test_a_single_file(bag, capsys):
     assert cli.main(["bag", "info", "bag/bag_0.mcap"]) == 0
     assert "Messages:          4" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_a_bag_that_is_cut_off_is_told(tmp_path, capsys, storage):
+    """The metadata tell nothing of it."""
+    with BagWriter(tmp_path / "bag", storage) as writer:
+        topic = writer.add_topic(TopicMetadata("/a", "std_msgs/msg/String"))
+        for number in range(100):
+            writer.write(topic, bytes(1000), number, number)
+    assert cli.main(["bag", "info", str(tmp_path / "bag")]) == 0
+    assert capsys.readouterr().err == ""
+    os.truncate(writer.path, 60_000)
+    assert cli.main(["bag", "info", str(tmp_path / "bag")]) == 0
+    captured = capsys.readouterr()
+    assert "Messages:          100" in captured.out
+    assert f"uros bag recover {writer.path}" in captured.err
 
 
 def test_what_is_no_bag(tmp_path, monkeypatch, capsys):

@@ -261,10 +261,18 @@ def test_wrong_command_lines(run, network, tmp_path, options, status, said):
     assert network.written == []
 
 
+def test_an_offset_behind_the_end_is_told(run, network, tmp_path):
+    bag = write(tmp_path / "bag", ["/x"], [0, 2500])
+    status, out, err = run(bag, "--start-offset", "100")
+    assert status == 0 and "Played 0 messages" in out
+    assert "--start-offset 100: the bag ends at 2.5\n" in err
+
+
 def test_without_a_bag(run, tmp_path):
     assert "give a bag" in run()[2]
-    status, _, err = run(tmp_path / "none")
-    assert status == 1 and "none: no such folder or file" in err
+    write(tmp_path / "trip", ["/x"], [0])
+    status, _, err = run(tmp_path / "tripp")
+    assert status == 2 and "tripp': no such folder or file; did you mean 'trip'?" in err
     status, _, err = run(tmp_path)
     assert status == 1 and "uros bag reindex" in err
 

@@ -192,7 +192,7 @@ def test_a_topic_that_is_not_there_is_told(run, monkeypatch):
     network.publish("/chatter", QoSProfile())
     status, _, err = run(network, "/chater", "/x")
     assert status == 0
-    assert err.startswith("WARNING: /chater is not there yet in domain 0; did you mean '/chatter'?")
+    assert "appears; it is not there yet in domain 0; did you mean '/chatter'?\n" in err
     assert err.count("\n") == 1
 
 

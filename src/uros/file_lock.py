@@ -1,4 +1,4 @@
-"""Locks a file that one agent writes, so that a second one is refused instead of spoiling it."""
+"""Locks a file or a folder that one process writes, so that another one is refused."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ except ImportError:  # Windows
 
 
 def lock(file: int) -> None:
-    """Lock a file while it is open, where the system and its file system have locks.
+    """Lock a file or a folder while it is open, where the system and its file system have locks.
 
     Args:
         file: Its descriptor.

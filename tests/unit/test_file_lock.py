@@ -5,7 +5,7 @@ import os
 
 import pytest
 
-from uros.agent.observability import file_lock
+from uros import file_lock
 
 
 @pytest.fixture
