@@ -191,7 +191,7 @@ class Certificates:
         Args:
             now: The time in seconds since 1970.
         """
-        found = self._ended(now, SOON)
+        found = self._invalid(now, SOON)
         if self._without_list():
             found.append(self._no_list())
         if not any(f"--tls-cert {self.cert}" in each for each in found) and (why := self.doubt()):
@@ -199,12 +199,12 @@ class Certificates:
         return found
 
     def troubles(self, now: float) -> list[str]:
-        """Return which files have ended, and why new ones are refused; each with the remedy.
+        """Return which files are not valid now, and why new ones are refused, with the remedies.
 
         Args:
             now: The time in seconds since 1970.
         """
-        found = self._ended(now, 0.0)
+        found = self._invalid(now, 0.0)
         # A CA that signs only another one, which signs the boards' certificates, needs no list.
         if self._authorities and len(self._without_list()) == len(self._authorities):
             found.append(self._no_list())
@@ -224,7 +224,7 @@ class Certificates:
         current = {
             revoked.issuer
             for revoked in self._revocations
-            if revoked.ends is None or now <= revoked.ends
+            if revoked.begins <= now and (revoked.ends is None or now <= revoked.ends)
         }
         admitting = (
             _is_valid(each, now) and (not self._revocations or each.subject in current)
@@ -260,8 +260,8 @@ class Certificates:
             f" that CA is admitted: append its list; {_HELP}"
         )
 
-    def _ended(self, now: float, soon: float) -> list[str]:
-        """Return what has ended, or ends within ``soon`` seconds; each with the remedy."""
+    def _invalid(self, now: float, soon: float) -> list[str]:
+        """Return what is not valid now, or ends within ``soon`` seconds; each with the remedy."""
         found = [
             *_dates("--tls-cert", self.cert, self._own[:1], now, soon),
             *_dates("--tls-ca", self.ca or "", self._authorities, now, soon),
@@ -271,6 +271,11 @@ class Certificates:
                 found.append(
                     f"--tls-crl {self.crl}: a revocation list ended on {_day(revoked.ends)}, so no"
                     f" board of its CA is admitted: make a new one; {_HELP}"
+                )
+            elif revoked.begins > now:
+                found.append(
+                    f"--tls-crl {self.crl}: a revocation list is valid from {_day(revoked.begins)}"
+                    " on, so no board of its CA is admitted: is this machine's clock right?"
                 )
             elif revoked.ends is not None and revoked.ends < now + min(soon, _notice(revoked)):
                 found.append(f"--tls-crl {self.crl}: a revocation list ends on"

@@ -128,7 +128,7 @@ class TlsServer(TcpServer):
         return self._certificates.admits_boards(now)
 
     def troubles(self, now: float) -> list[str]:
-        """Return which files have ended, and why new ones are refused."""
+        """Return which files are not valid now, and why new ones are refused."""
         return self._certificates.troubles(now)
 
     def not_after(self) -> dict[str, float]:

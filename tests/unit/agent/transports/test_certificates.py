@@ -197,6 +197,7 @@ def test_which_files_that_have_ended_let_no_board_connect(tmp_path):
     assert judged(first, second, days=4) == (True, 1)
     assert judged(first, second, days=8) == (False, 2)
     assert judged(first, second, days=4, cas=old.ca) == (False, 1)
+    assert judged(first, second, days=-40) == (False, 2)  # the lists are not valid yet
     ends = Certificates(*files, str(both), str(lists)).not_after()
     assert list(ends) == ["tls_cert", "tls_ca", "tls_crl"]
     assert abs(ends["tls_crl"] - (now + 3 * day)) < 60
