@@ -285,7 +285,7 @@ def test_no_folder_is_left_after_a_signal(tmp_path, program, number):
 
 
 def test_a_row_is_cut_and_the_text_below_is_wrapped():
-    table = [Row(["BOARD", "NODE"]), Row(["left", "-"], "led on, button pressed")]
+    table = [Row(["BOARD", "NODE"]), Row(["left", "-"], ["led on, button pressed", ""])]
     assert layout(table, 80) == ["BOARD  NODE", "left   -", "  led on, button pressed"]
     assert layout(table, 8) == ["BOARD  …", "left   -", "  led on, button", "  pressed"]
 

@@ -3,6 +3,7 @@
 ================  ================================================================================
 ``board_option``  The option ``--board``: the real board that a program is for
 ``build``         ``uros board build``: build a program for a board
+``connections``   Which virtual boards are connected to an agent, as the running agents report
 ``console``       ``uros board console``: show the console of a real board, as ``deploy`` does at
                   its end
 ``deploy``        ``uros board deploy``: deploy a program to a real board and show its console

@@ -17,10 +17,10 @@ _LEAST_LINES: Final = 5  # below the table, or no table is drawn
 
 
 class Row(NamedTuple):
-    """A row of a table: its cells, and a text below them that may take several lines."""
+    """A row of a table: its cells, and texts below them, each of which may take several lines."""
 
     cells: Sequence[str]
-    below: str = ""
+    below: Sequence[str] = ()
 
 
 class Screen:
@@ -76,14 +76,15 @@ def _draw(text: str) -> None:
 
 def layout(table: Sequence[Row], columns: int) -> list[str]:
     """Return the rows as lines, none longer than ``columns``. Their text is made `printable`."""
-    table = [Row([*map(printable, row.cells)], printable(row.below)) for row in table]
+    table = [Row([*map(printable, row.cells)], [*map(printable, row.below)]) for row in table]
     widths = [max(len(row.cells[i]) for row in table) for i in range(len(table[0].cells))]
     lines = []
     for row in table:
         cells = [cell.ljust(width) for cell, width in zip(row.cells, widths, strict=True)]
         line = "  ".join(cells).rstrip()
         lines.append(line if len(line) <= columns else line[: columns - 1] + "…")
-        lines += textwrap.wrap(
-            row.below, max(columns, 20), initial_indent="  ", subsequent_indent="  "
-        )
+        for text in row.below:
+            lines += textwrap.wrap(
+                text, max(columns, 20), initial_indent="  ", subsequent_indent="  "
+            )
     return lines

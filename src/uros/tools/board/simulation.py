@@ -19,6 +19,7 @@ from ..agent.child_process import AgentProcess
 from ..ending import end_on_signals, uninterrupted
 from ..errors import ToolError
 from .build import program_folder
+from .connections import Connections
 from .screen import Row, Screen
 
 if TYPE_CHECKING:
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
 
 AGENT_PORT: Final = 8888
 _REDRAW_SECONDS: Final = 0.25
-_ASK_SECONDS: Final = 1.0
 # Without a table, the state of a part is printed at most this often.
 _TELL_SECONDS: Final = 1.0
 _USUAL_BAUD: Final = 115_200  # the agent's default
@@ -81,8 +81,10 @@ class _Seat:
     plan: Plan
     board: RunningBoard
     address: str  # its own IP address on this host
+    talks: bool  # to an agent
     program: str = "starts"
     failed: bool = False
+    line_open: bool | None = None  # by a program on this host; None: this system does not tell
     shows: dict[str, str] = field(default_factory=dict)
     told: dict[str, tuple[float, str]] = field(default_factory=dict)
     faults: list[str] = field(default_factory=list)
@@ -116,8 +118,7 @@ class Simulation:
         self._seats: list[_Seat] = []
         self._screen = Screen()
         self._agent: AgentProcess | None = None
-        self._clients: dict[str, dict[str, Any]] = {}  # of the agent, by address
-        self._asked = 0.0
+        self._connections: Connections | None = None
         self._rules: tempfile.TemporaryDirectory[str] | None = None
 
     def run(self) -> int:
@@ -138,6 +139,9 @@ class Simulation:
             self._start_boards()
             if self._wanted:
                 self._start_agent()
+            if self._screen.live:
+                pid = None if self._agent is None else self._agent.pid
+                self._connections = Connections(pid, self._port)
             self._introduce()
             threading.Thread(target=_read_input, args=(self._events,), daemon=True).start()
             self._loop()
@@ -167,7 +171,7 @@ class Simulation:
             secrets=plan.secrets, agent=("127.0.0.1", port), address=address,
             on_event=lambda event: self._events.put((seat, event)),
         )  # fmt: skip
-        seat = _Seat(plan, board, address)
+        seat = _Seat(plan, board, address, talks_to_agent(plan))
         return seat
 
     def _start_boards(self) -> None:
@@ -204,7 +208,7 @@ class Simulation:
 
         lines: dict[int, list[str]] = {}  # by baud rate
         for seat in self._seats:
-            if not find(seat.plan.board).agent and talks_to_agent(seat.plan):
+            if not find(seat.plan.board).agent and seat.talks:
                 lines.setdefault(_baud(seat), []).append(str(seat.board.path))
         arguments = []
         for baud, devices in lines.items():
@@ -244,29 +248,6 @@ class Simulation:
             self._close()
             raise ToolError("the agent has ended; its log above has the reason")
 
-    def _ask_agent(self) -> None:
-        """Ask the agent for its clients, at most once a second."""
-        from ..agent.running_agents import ask, find_agent
-
-        now = time.monotonic()
-        if self._agent is None or now - self._asked < _ASK_SECONDS:
-            return
-        self._asked = now
-        try:
-            snapshot = ask(find_agent(self._agent.pid), "status")
-        except ToolError:
-            self._clients = {}
-            return
-        self._clients = {client["address"]: client for client in snapshot["clients"]}
-
-    def _client(self, seat: _Seat) -> dict[str, Any] | None:
-        line = f"{seat.board.path} ("  # followed by the board's address on that line
-        for address, client in self._clients.items():
-            where, _, port = address.rpartition(":")
-            if address.startswith(line) or port.isdecimal() and where == seat.address:
-                return client
-        return None
-
     # --- what is shown ----------------------------------------------------------------
 
     def _say(self, seat: _Seat | None, text: str) -> None:
@@ -299,7 +280,7 @@ class Simulation:
 
         path = shlex.quote(str(seat.board.path))
         wants = find(seat.plan.board).agent.rpartition(":")[2]
-        if not talks_to_agent(seat.plan):
+        if not seat.talks:
             return "uros pid" if wants == str(PORT) else f"cat {path}"
         if self._wanted:
             return ""
@@ -321,22 +302,40 @@ class Simulation:
     def _table(self) -> list[Row]:
         from ..agent.status import node_name
 
-        self._ask_agent()
         rows = [Row(("BOARD", "PROGRAM", "USB", "NODE", "IN/S", "OUT/S"))]
         for seat in self._seats:
-            client = self._client(seat)
-            node, rate_in, rate_out = "-", "-", "-"
+            client = None
+            if self._connections is not None:
+                client = self._connections.client(seat.board.path, seat.address)
+            node, rate_in, rate_out = self._unconnected(seat), "-", "-"
+            below = []
             if client is not None:
-                node = " ".join(node_name(node_info) for node_info in client["nodes"]) or "-"
+                names = " ".join(node_name(node_info) for node_info in client["nodes"])
+                node = names or "connected"
                 if client["rate_over"] < client["age"]:  # else it includes the creation of objects
                     rate_in = f"{client['received']['rate']:.1f}"
                     rate_out = f"{client['sent']['rate']:.1f}"
+            elif seat.talks and not self._wanted and not seat.line_open:
+                below.append(f"start an agent: {self._next(seat)}")
             seen = ", ".join(f"{name} {shows}" for name, shows in seat.shows.items() if shows)
             if seat.faults:
                 seen += f"{', ' * bool(seen)}faults: {' '.join(seat.faults)}"
             cells = (seat.plan.title, seat.program, seat.board.usb, node, rate_in, rate_out)
-            rows.append(Row(cells, seen))
+            rows.append(Row(cells, (*below, seen)))
         return rows
+
+    def _unconnected(self, seat: _Seat) -> str:
+        """Return what stands for the node of a board that no agent reports."""
+        from ...boards.virtual.models.catalog import find
+
+        if not seat.talks:
+            return "-"
+        if self._wanted:
+            return "not connected"
+        # Only an agent of this user's uros reports its boards: another one may have this board.
+        if seat.line_open is None or find(seat.plan.board).agent:
+            return "no agent seen"
+        return "line is open" if seat.line_open else "no agent"
 
     # --- what happens -----------------------------------------------------------------
 
@@ -377,6 +376,8 @@ class Simulation:
         elif kind == "usb":
             error = f" ({event['error']})" if event["error"] else ""
             self._say(seat, f"USB {event['state']}{error}")
+        elif kind == "line":
+            seat.line_open = event["open"]
         elif kind == "baud":
             remedy = f"--baudrate {event['board']}"
             remedy = f"run the board with {remedy}" if self._wanted else f"use {remedy} there"
@@ -471,6 +472,8 @@ class Simulation:
 
     def _close(self) -> None:
         self._screen.close()
+        if self._connections is not None:
+            self._connections.close()
         # The agent first: it would log the end of a board as a lost device.
         agent, self._agent = self._agent, None
         if agent is not None:

@@ -14,6 +14,8 @@ Events are JSON lines on stdout::
                                              program sets another; the program starts
     {"event": "baud", "board": …, "line": …} the UART behind the serial line and the program that
                                              has the line open use these different baud rates
+    {"event": "line", "open": …}             whether a program on the host has the serial line open,
+                                             at the start and when it changes; on Linux alone
     {"event": "usb", "state": …, "error": …} the state of the USB line has changed
     {"event": "console", "line": …}          a line that the program printed
     {"event": "read", "address": …, "ns": …} the end of an I2C read, by the monotonic clock; sent
@@ -54,7 +56,7 @@ from ..hardware.clock import BoardClock
 from ..hardware.parts import Part
 from ..hardware.peripherals import PeripheralError
 from ..hardware.resets import HARD, WATCHDOG
-from ..hardware.usb import ATTACHED
+from ..hardware.usb import ATTACHED, TELLS_OPEN
 from ..models.catalog import BoardError
 from ..models.catalog import find as find_board
 from . import cpython
@@ -214,6 +216,7 @@ class BoardProcess:
         self._base: int | None = None  # the heap before the program
         self._heap_asked = False  # before the engine existed
         self._pressed: int | None = None  # the cause of a reset that no signal has delivered yet
+        self._told_open: bool | None = None  # whether the serial line is open, as sent last
         self._told_baud = 0  # the board's rate that was sent last
         self._shown: dict[str, str] = {}  # the visible state of each part, as sent last
         try:
@@ -373,7 +376,15 @@ class BoardProcess:
             self._send_parts()
             if self._host is not None:
                 self._host.usb_state()  # the program may never ask for the state
+            self._send_line()
             self._send_baud()
+
+    def _send_line(self) -> None:
+        """Send whether a program on the host has the serial line open, if that has changed."""
+        is_open = self.board.usb.is_open()
+        if TELLS_OPEN and is_open != self._told_open:
+            self._told_open = is_open
+            self.send("line", open=is_open)
 
     def _send_baud(self) -> None:
         """Send once that the baud rates of both ends of the serial line differ."""

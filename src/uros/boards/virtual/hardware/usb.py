@@ -54,6 +54,7 @@ __all__ = [
     "RECEIVE_BUFFER",
     "STRINGS",
     "SUSPENDED",
+    "TELLS_OPEN",
     "DescriptorError",
     "UsbCdc",
     "UsbIdentity",
@@ -68,8 +69,10 @@ ATTACHED: Final = "attached"
 CONFIGURED: Final = "configured"
 SUSPENDED: Final = "suspended"
 
+TELLS_OPEN: Final = sys.platform == "linux"
+"""Whether this system tells if a program has a pseudo-terminal open."""
+
 _BAUD: Final = 115_200
-_TELLS_OPEN: Final = sys.platform == "linux"
 
 
 class _Line:
@@ -94,7 +97,7 @@ class _Line:
             os.close(slave)
             raise
         # With the slave closed here, Linux reports at the master whether others have it open.
-        if _TELLS_OPEN:
+        if TELLS_OPEN:
             os.close(slave)
         else:
             self._slave = slave
@@ -103,7 +106,7 @@ class _Line:
         self._hang_up.register(self.master, 0)
 
     def is_open(self) -> bool:
-        return not _TELLS_OPEN or not self._hang_up.poll(0)
+        return not TELLS_OPEN or not self._hang_up.poll(0)
 
     def notice(self) -> bool:
         """Return whether the line was opened or closed since the last call.
@@ -205,7 +208,7 @@ class UsbCdc:
         self._wake = WakeupFd()
         # The master of a terminal that is not open is always readable as "hung up", so that only
         # a change may end a wait: edge-triggered.
-        self._epoll = select.epoll() if _TELLS_OPEN else None
+        self._epoll = select.epoll() if TELLS_OPEN else None
         if self._epoll is not None:
             self._epoll.register(self._wake.fileno(), select.EPOLLIN)
         self._changes = 0  # counts the changes that end a wait()
