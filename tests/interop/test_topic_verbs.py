@@ -211,6 +211,8 @@ def test_plot(going):
     [
         ("topic echo /num", ["/numbers"]),
         ("topic hz /po", ["/poses"]),
+        ("topic pub /numbers ", [INT32]),
+        (f"topic pub /numbers {INT32} ", ['"{data:', '0}"']),
         ("plot /poses/header/", ["/poses/header/stamp/"]),
         ("topic find std_msgs/msg/Int32M", ["std_msgs/msg/Int32MultiArray"]),
         ("param get /real/peer use_sim", ["use_sim_time"]),

@@ -7,7 +7,7 @@ import os
 from pathlib import PurePath
 
 from ..errors import UsageError
-from .shells import FUNCTIONS, lines, split
+from .shells import FUNCTIONS, lines, open_quote, split
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -32,8 +32,9 @@ def run(args: argparse.Namespace) -> int:
     if args.next:
         from .words import complete
 
-        words = split(args.shell or "")[1:] or [""]
-        for line in lines(args.next, words[-1], complete(words)):
+        typed = args.shell or ""
+        words = split(typed)[1:] or [""]
+        for line in lines(args.next, words[-1], open_quote(typed), complete(words)):
             print(line)
         return 0
     shell = args.shell or PurePath(os.environ.get("SHELL", "")).name

@@ -1,4 +1,4 @@
-"""Values that depend on one before them: parameters and transitions of a node, fields of a topic.
+"""Values that depend on one before them: parameters of a node, the type of a topic, its fields.
 
 There are none where the node does not answer soon.
 """
@@ -85,12 +85,40 @@ def _ask(typed: Typed, service: str, type_name: str) -> Any:
 
 
 def _types(typed: Typed) -> dict[str, list[str]]:
-    """Return the topics of the domain with their types."""
+    """Return the topics of the domain with their types; of other groups the services or actions."""
     from ...names import is_valid
 
     with joined(typed) as network:
         network.settle(DISCOVERY)
-        return {name: types for name, types in network.graph.topics().items() if is_valid(name)}
+        graph = network.graph
+        query = {"service": graph.services, "action": graph.actions}.get(typed.path[0])
+        return {name: types for name, types in (query or graph.topics)().items() if is_valid(name)}
+
+
+def types(typed: Typed) -> list[str]:
+    """Return the types of the topic, service or action that was typed before."""
+    from ...names import absolute
+
+    given = typed.given.get(typed.path[0])
+    return _types(typed).get(absolute(given[0]), []) if given else []
+
+
+def prototype(typed: Typed) -> list[str]:
+    """Return the VALUES of the type before them: all fields with their defaults, as YAML."""
+    from ..values.plain import Show, plain
+    from ..values.typed_values import load_action, load_message, load_service
+    from ..values.yaml_text import one_line
+
+    know_folders(typed)
+    name = typed.given["type"][0]
+    if typed.path[0] == "service":
+        kind = load_service(name).Request
+    elif typed.path[0] == "action":
+        kind = load_action(name).Goal
+    else:
+        kind = load_message(name)
+    # A byte is a number as well, which needs no quotes and no escape.
+    return [one_line(plain(kind(), Show(truncate=None))).replace(r'"\0"', "0")]
 
 
 def plotted(typed: Typed) -> list[str]:
@@ -102,10 +130,10 @@ def plotted(typed: Typed) -> list[str]:
     know_folders(typed)
     word = typed.word if typed.word.startswith("/") else f"/{typed.word}"
     found = []
-    for topic, types in _types(typed).items():
+    for topic, kinds in _types(typed).items():
         start = f"{topic}/"
         if word.startswith(start):
-            paths = numbers(load(types[0]))
+            paths = numbers(load(kinds[0]))
             found += [start + path for path in _next_parts(paths, word.removeprefix(start))]
         elif is_hidden(word) or not is_hidden(topic):
             found.append(start)
@@ -121,17 +149,13 @@ def _next_parts(paths: Iterable[str], typed: str) -> Iterable[str]:
 def fields(typed: Typed) -> list[str]:
     """Return the fields of the messages of the topic that may stand in place of the last one."""
     from ...interfaces import load
-    from ...names import absolute
     from ..values.plain import element
 
-    if not typed.given.get("topic"):
-        return []
-    topic = absolute(typed.given["topic"][0])
-    types = typed.given.get("type") or _types(typed).get(topic, ())
-    if not types:
+    found = typed.given.get("type") or types(typed)
+    if not found:
         return []
     know_folders(typed)
-    message = load(types[0])
+    message = load(found[0])
     before, dot, _ = typed.word.rpartition(".")
     for part in before.split(".") if dot else ():
         name, index, _ = part.partition("[")

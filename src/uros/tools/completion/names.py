@@ -14,6 +14,7 @@ from typing import Any, Final
 from ...names import is_hidden, is_hidden_node, is_valid
 from . import details
 from .details import DISCOVERY, Typed, joined, know_folders
+from .shells import NO_FILES
 
 # The ``dest`` of the options that include hidden names.
 _HIDDEN: Final = "include_hidden"
@@ -29,6 +30,7 @@ def candidates(action: argparse.Action, typed: Typed) -> Iterable[tuple[str, str
     command itself says what is.
     """
     from ...middleware.base import MiddlewareError
+    from ..errors import ToolError
 
     if isinstance(action, argparse._SubParsersAction):
         return [(one.dest, one.help or "") for one in action._choices_actions]
@@ -41,12 +43,13 @@ def candidates(action: argparse.Action, typed: Typed) -> Iterable[tuple[str, str
         typed = typed._replace(given={**typed.given, _HIDDEN: ()})
     try:
         found = known(typed)
-    except (MiddlewareError, ValueError, OSError):
-        return ()
+    except (MiddlewareError, ToolError, ValueError, OSError):
+        found = []
     # The first slash of a name may be left away.
     if typed.word and not typed.word.startswith("/"):
         found = [name.removeprefix("/") for name in found]
-    return [(name, "") for name in found]
+    candidates = [(name, "") for name in found]
+    return [*candidates, NO_FILES] if action.dest == "values" else candidates
 
 
 def _graph(typed: Typed, query: Callable[[Any], Iterable[str]]) -> list[str]:
@@ -81,8 +84,12 @@ def _actions(typed: Typed) -> list[str]:
 
 
 def _types(typed: Typed) -> list[str]:
+    """Return the types of the name on the line, or all of this kind if none of them fits."""
     from ...interfaces import list_types
 
+    own = [name for name in details.types(typed) if name.startswith(typed.word)]
+    if own:
+        return own
     know_folders(typed)
     kind = {"topic": "msg", "service": "srv", "action": "action"}.get(typed.path[0], "")
     return [name for name in list_types() if kind in ("", name.split("/")[1])]
@@ -129,6 +136,7 @@ _BY_DEST: Final[Mapping[str, _Known]] = {
     "parameters": details.parameters,
     "pairs": details.parameters,
     "transition": details.transitions,
+    "values": details.prototype,
     "paths": details.plotted,
     "field": details.fields,
 }

@@ -14,6 +14,7 @@ from ..cli import Group, Verb, commands
 from ..parser import Parser
 from . import names
 from .details import Typed
+from .shells import NO_FILES
 
 Candidates = Iterable[tuple[str, str]]
 
@@ -26,9 +27,16 @@ def complete(words: Sequence[str]) -> list[tuple[str, str]]:
 
     Args:
         words: The words behind ``uros``; the last one is being typed, and may be "".
+
+    Returns:
+        The words, and `NO_FILES` where no name of a file may stand.
     """
     *before, word = words
-    return [pair for pair in _of_group(commands(), before, word) if pair[0].startswith(word)]
+    return [
+        pair
+        for pair in _of_group(commands(), before, word)
+        if pair == NO_FILES or pair[0].startswith(word)
+    ]
 
 
 def _of_group(group: Group, before: Sequence[str], word: str) -> Candidates:

@@ -63,6 +63,11 @@ def dump(value: Value, flow: bool = False) -> str:
     return "\n".join(lines) + "\n"
 
 
+def one_line(value: Value) -> str:
+    """The document in braces and brackets, without the line break at its end."""
+    return _flow(value, 0)
+
+
 def _block(value: Value, indent: int, lines: list[str], flow: bool) -> None:
     """Append the lines of a mapping or a sequence in block style, or of a scalar."""
     pad = " " * indent

@@ -66,6 +66,15 @@ def test_tab_completes_in_bash(bash):
     assert "udp4" in listed
 
 
+def test_tab_completes_values_in_bash(bash, tmp_path):
+    (tmp_path / "a_file").touch()
+    bash.type(f'cd {tmp_path}; eval "$(uros completion bash)" && echo rea""dy\n', "ready")
+    bash.type("uros topic pub /x std_msgs/msg/String \t", "\"{data: ''}\" ")
+    bash.type("\x15uros topic pub /x std_msgs/msg/Int32 '{da\t", "{data: 0}' ")
+    assert "a_file" not in bash.type("\x15uros topic pub /x std_msgs/msg/Int32 a\t", "\x07")
+    bash.type("\x15uros trace a\t", "a_file")
+
+
 def test_the_shell_is_that_of_the_user(monkeypatch, capsys):
     monkeypatch.setenv("SHELL", "/usr/bin/fish")
     assert cli.main(["completion"]) == 0

@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from uros.tools.completion import names
+from uros.tools.completion import details, names
 from uros.tools.completion.words import complete
 
 
@@ -42,7 +42,8 @@ def words(line):
         ("agent quic --p", []),
     ],
 )
-def test_words(line, some):
+def test_words(monkeypatch, line, some):
+    monkeypatch.setattr(details, "_types", lambda typed: {})
     assert sorted(words(line)) == some
 
 
