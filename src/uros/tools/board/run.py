@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import re
+import shlex
 import sys
+from pathlib import Path
 from typing import Final
 
 from ..agent.options.transports import port
@@ -12,6 +15,9 @@ from ..errors import ToolError
 from .build import add_provided, add_secrets
 from .list import check_name
 from .simulation import AGENT_PORT, Plan, Simulation, titles
+
+# How a README, such as that of 'uros board new', says which board its program is for.
+_README_COMMAND: Final = re.compile(r"^ *(?:\$ )?uros board run (\w+) --firmware\b", re.MULTILINE)
 
 _EPILOG: Final = """\
 The firmware is that of the real board, unchanged. The USB line is a pseudo-terminal: an agent or
@@ -111,6 +117,7 @@ def run(args: argparse.Namespace) -> int:
         raise ToolError("virtual boards need pseudo-terminals: use Linux, macOS or WSL")
     know_distro(args)
     for name in args.boards:
+        _refuse_program(name)
         check_name(name)
     if len(args.boards) > 1:
         for option in ("firmware", "link"):
@@ -125,3 +132,38 @@ def run(args: argparse.Namespace) -> int:
         for index, (title, name) in enumerate(zip(titles(args.boards), args.boards, strict=True))
     ]  # fmt: skip
     return Simulation(plans, args.agent, args.agent_port, args.seconds).run()
+
+
+def _refuse_program(name: str) -> None:
+    """Refuse the folder of a program in place of a board.
+
+    Raises:
+        ToolError: It is one; the text has the command that runs it.
+    """
+    from ...boards.virtual.models.catalog import BOARDS
+
+    folder = Path(name)
+    if name in BOARDS or not (folder / "main.py").is_file():
+        return
+    board = folder.resolve().name
+    if board not in BOARDS:
+        board = _board_of_readme(folder)
+    where = shlex.quote(name)
+    if board in BOARDS:
+        raise ToolError(
+            f"{name} is the folder of a program: uros board run {board} --firmware {where}"
+        )
+    raise ToolError(
+        f"{name} is the folder of a program: uros board run BOARD --firmware {where} ('uros board"
+        " list' has the boards, such as esp32_publisher)"
+    )
+
+
+def _board_of_readme(folder: Path) -> str:
+    """Return the board that a program's README names in its command, "" if it names none."""
+    try:
+        text = (folder / "README.md").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return ""
+    command = _README_COMMAND.search(text)
+    return command[1] if command else ""

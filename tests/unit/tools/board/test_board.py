@@ -456,6 +456,31 @@ def test_a_real_board_is_no_virtual_one(capsys):
         assert "'pico' is a real board ('uros board list --ports'" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("name", "readme", "rest"),
+    [
+        ("my-robot", None, "esp32_publisher --firmware my-robot"),  # of uros board new
+        ("my robot", "  $ uros board run sprturtlebot --firmware 'my robot'\n",
+         "sprturtlebot --firmware 'my robot'"),
+        ("other", "uros board run nothing --firmware other\n", "BOARD --firmware other ('uros"),
+        ("other", "", "BOARD --firmware other ('uros board list' has the boards"),
+        ("more/esp32_subscriber", "", "esp32_subscriber --firmware more/esp32_subscriber"),
+    ],
+)  # fmt: skip
+def test_the_folder_of_a_program_is_no_board(tmp_path, monkeypatch, capsys, name, readme, rest):
+    monkeypatch.chdir(tmp_path)
+    if readme is None:
+        assert cli.main(["board", "new", name]) == 0
+    else:
+        touch(tmp_path / name / "main.py")
+        if readme:
+            (tmp_path / name / "README.md").write_text(readme)
+    capsys.readouterr()
+    assert cli.main(["board", "run", name]) == 1
+    error = capsys.readouterr().err
+    assert error.startswith(f"uros: {name} is the folder of a program: uros board run {rest}")
+
+
 @pytest.mark.parametrize("arguments", [["--seconds", "0"], ["--engine", "pypy"], []])
 def test_bad_command_lines(arguments, capsys):
     assert cli.main(["board", "run", *arguments]) == 2
