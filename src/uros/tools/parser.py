@@ -30,6 +30,12 @@ class Parser(argparse.ArgumentParser):
     def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse arguments; an unknown option is an error that names those that there are."""
         parsed, unknown = self.parse_known_args(args, namespace)
+        if unknown and hasattr(parsed, "values"):
+            from .values.typed_values import in_quotes
+
+            hint = in_quotes(parsed, unknown)
+            if hint:
+                self.error(f"unrecognized arguments: {' '.join(unknown)}; {hint}")
         self.refuse(unknown)
         return parsed
 

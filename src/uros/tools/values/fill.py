@@ -31,6 +31,8 @@ _HEADER: Final = "std_msgs/Header"
 _TIME: Final = "builtin_interfaces/Time"
 _SIZE: Final = re.compile(r".+\[(\d+)\]")
 _BOUND: Final = re.compile(r"sequence<.+, (\d+)>")
+# A field and its value without the blank between them, which YAML takes for one text.
+_GLUED: Final = re.compile(r"(\w+):\S")
 _MOST_SHOWN: Final = 40
 
 
@@ -80,6 +82,12 @@ class Filled:
             node = {}
         if not isinstance(node, dict):
             fields = plain.fields(self.message)
+            glued = _GLUED.match(node) if isinstance(node, Plain) else None
+            if glued and glued[1] in [name for name, _kind, _value in fields]:
+                raise ToolError(
+                    f"{message_class._TYPE}: a blank is missing behind the colon of {_shown(node)};"
+                    f" write '{glued[1]}: ...'"
+                )
             example = f"{{{fields[0][0]}: ...}}" if fields else "{}"
             raise ToolError(
                 f"{message_class._TYPE}: the values are fields by name, such as {example}, not"

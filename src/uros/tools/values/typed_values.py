@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import argparse
 import re
+import shlex
 import sys
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final
 
-from ..errors import ToolError
+from ..errors import ToolError, UsageError
 from . import plain
 
 if TYPE_CHECKING:
@@ -43,8 +45,12 @@ def type_and_text(args: argparse.Namespace) -> tuple[str | None, str]:
 
     Raises:
         ToolError: The arguments are contradictory or malformed.
+        UsageError: VALUES are not in quotes.
     """
     type_name, text = args.type, args.values
+    hint = in_quotes(args) if text is not None else ""
+    if hint and _is_yaml(type_name):
+        raise UsageError(f"{type_name!r} is not the name of a type; {hint}")
     if type_name is not None and text is None and not _TYPE.fullmatch(type_name):
         if "/" in type_name and not re.search(r"[:{}\[\]\s]", type_name):
             raise ToolError(f"{type_name!r} is not the name of a type, such as std_msgs/msg/String")
@@ -57,6 +63,27 @@ def type_and_text(args: argparse.Namespace) -> tuple[str | None, str]:
         except UnicodeDecodeError as error:
             raise ToolError(f"standard input is not UTF-8: {error.reason}") from error
     return type_name, text or ""
+
+
+def in_quotes(args: argparse.Namespace, unknown: Sequence[str] = ()) -> str:
+    """Return how to write VALUES that the shell has split, for want of quotes; "" for others.
+
+    Args:
+        args: The command line.
+        unknown: The words that no argument has taken.
+    """
+    words = [word for word in (args.type, args.values) if word]
+    if len(words) > 1 and not _is_yaml(words[0]):
+        del words[0]
+    if not words or not _is_yaml(words[0]) or " " in words[0]:
+        return ""
+    if any(word.startswith("--") for word in unknown):
+        return "put VALUES in quotes"
+    return f"put VALUES in quotes: {shlex.quote(' '.join([*words, *unknown]))}"
+
+
+def _is_yaml(word: str) -> bool:
+    return not _TYPE.fullmatch(word) and (word.startswith("{") or ":" in word)
 
 
 def load_message(type_name: str, network: Network | None = None) -> Any:
