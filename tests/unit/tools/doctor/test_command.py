@@ -101,6 +101,14 @@ def test_a_boards_clock(place):
             assert run_doctor(which, domain, port)[0] == []
 
 
+def test_a_problem_of_the_agent_itself(place):
+    domain, port = place
+    with agent(port, "--max-clients", "1") as which, board(port, domain):
+        (one,), _ = run_doctor(which, domain, port)
+    assert one.check == "agent" and f"the agent {which.pid} has a problem" in one.what
+    assert "--max-clients" in one.what
+
+
 @pytest.mark.slow
 def test_two_boards_with_one_key(place):
     domain, port = place
