@@ -82,6 +82,7 @@ def check_name(name: str) -> None:
 
 
 def _describe(name: str, as_json: bool) -> None:
+    from ...boards.virtual.engine.advice import uart_texts
     from ...boards.virtual.engine.runner import firmware_folder
     from ...boards.virtual.hardware.board import VirtualBoard
     from ...boards.virtual.models.catalog import BoardError, find
@@ -99,7 +100,7 @@ def _describe(name: str, as_json: bool) -> None:
             print_json(
                 {
                     "name": name, "mcu": spec.mcu, "text": spec.text, "firmware": folder,
-                    "ports": spec.ports, "pins": pins,
+                    "ports": spec.ports, "pins": pins, "uarts": uart_texts(board),
                     "actions": _happenings(acts), "faults": _happenings(faults),
                 }
             )  # fmt: skip
@@ -108,6 +109,8 @@ def _describe(name: str, as_json: bool) -> None:
         print(f"MCU       {spec.mcu}")
         print(f"firmware  {folder}")
         print(f"ports     MicroPython for {', '.join(spec.ports)}")
+        if board.uarts:
+            print(f"UARTs     {'; '.join(uart_texts(board))}")
         print(f"pins      {', '.join(pins)}")
         width = max(len(happening.spec) for happening in (*acts, *faults))
         print("\nActions, typed while it runs or given with --fault:")

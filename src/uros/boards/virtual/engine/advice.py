@@ -48,11 +48,44 @@ def module_advice(traceback: str) -> str:
     )
 
 
+def uart_texts(board: VirtualBoard) -> list[str]:
+    """Return each UART with its pins, and which is the USB line."""
+    texts = []
+    for number, uart in sorted(board.uarts.items()):
+        pins = f" at {uart.pins}" if uart.pins else ""
+        line = " (its USB line)" if uart is board.bridged else ""
+        texts.append(f"UART({number}){pins}{line}")
+    return texts
+
+
+def miswiring(board: VirtualBoard, number: int) -> str:
+    """Return what happens where a program uses other pins than those of a UART's device.
+
+    Args:
+        board: The board.
+        number: The UART, with the pins that the program has chosen.
+
+    Returns:
+        The text; "" where the pins are right.
+    """
+    uart = board.uarts[number]
+    if uart.pins is None or uart.pins == uart.chosen_pins:
+        return ""
+    if uart.sends:
+        what = "the board receives nothing"
+    elif uart.receives:
+        what = "nothing that the board sends arrives"
+    else:
+        what = "nothing arrives at either end"
+    swapped = " (swapped)" if uart.pins == uart.chosen_pins[::-1] else ""
+    return (
+        f"UART({number}) has {uart.chosen_pins}{swapped}, and this virtual board's line is at"
+        f" {uart.pins}: {what}, as on a real board"
+    )
+
+
 def _uart(board: VirtualBoard, name: str) -> str:
-    texts = [
-        f"UART({number}), its USB line" if uart is board.bridged else f"UART({number})"
-        for number, uart in sorted(board.uarts.items())
-    ]
+    texts = uart_texts(board)
     if board.usb_inside:
         texts.append("its own USB, which uros.drivers.port.open_port() opens")
     return (

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
 from ..shims import _ops as ops
+from .advice import miswiring
 
 if TYPE_CHECKING:
     from ..hardware.board import Interrupts, VirtualBoard
@@ -34,14 +35,17 @@ class PeripheralHost:
         board: The virtual board.
         wait: Called when the firmware is about to wait for a socket.
         interrupts: The interrupts of the core.
+        console: Called with what the board has to say to the author of the firmware.
     """
 
     def __init__(
-        self, board: VirtualBoard, wait: Callable[[], None], interrupts: Interrupts
-    ) -> None:
+        self, board: VirtualBoard, wait: Callable[[], None], interrupts: Interrupts,
+        console: Callable[[str], None],
+    ) -> None:  # fmt: skip
         self._board = board
         self._interrupts = interrupts
         self._wait = wait
+        self._console = console
         self.operations: dict[int, Callable[[bytes], bytes | int]] = {
             ops.UART_INIT: self._uart_init,
             ops.UART_WRITE: lambda data: self._uart(data[0]).write(data[1:]),
@@ -70,8 +74,12 @@ class PeripheralHost:
         return self._board.uarts[number]
 
     def _uart_init(self, data: bytes) -> bytes:
-        number, baud, rxbuf = _UART.unpack(data)
-        self._uart(number).init(baud, rxbuf)
+        number, baud, rxbuf = _UART.unpack_from(data)
+        tx, _, rx = data[_UART.size :].decode().partition("\0")
+        uart = self._uart(number)
+        uart.init(baud, rxbuf, tx, rx)
+        if text := miswiring(self._board, number):
+            self._console(text + "\n")
         return b""
 
     def _uart_read(self, data: bytes) -> bytes:

@@ -110,7 +110,7 @@ class BoardHost:
             ops.HEAP: self._report_heap,
             ops.ADVICE: lambda data: advice(board, data),
             **PinHost(board, interrupts).operations,
-            **PeripheralHost(board, self._before_wait, interrupts).operations,
+            **PeripheralHost(board, self._before_wait, interrupts, console).operations,
             **CoreHost(self._mail, start_core).operations,
         }
 

@@ -21,7 +21,7 @@ from ..world.room import Room
 from .clock import BoardClock
 from .i2c import I2CBus
 from .parts import Part, Parts
-from .peripherals import Radio, Spi, Uart, attach
+from .peripherals import Radio, Spi, Uart, UartPins, attach
 from .pins import Led, Pin
 from .resets import SOFT, Resets
 from .usb import CONFIGURATION_DESCRIPTOR, DEVICE_DESCRIPTOR, STRINGS, UsbCdc
@@ -263,16 +263,20 @@ class VirtualBoard:
         """Connect the USB socket to the microcontroller itself; the firmware enables it."""
         self.usb_inside = True
 
-    def bridge(self, uart: int, baud: int = 115_200) -> None:
+    def bridge(
+        self, uart: int, pins: UartPins, default_pins: UartPins | None = None, baud: int = 115_200
+    ) -> None:
         """Connect the USB socket to a UART of the board.
 
         Args:
             uart: The UART.
+            pins: Its pins that the chip is connected to.
+            default_pins: The pins of a program that names none; None: ``pins``.
             baud: The baud rate of its program, and of the line until a program sets another.
         """
         self.usb.baud = baud
         chip = Bridge(self.usb)
-        self.uarts[uart] = self.bridged = Uart(chip, baud, self.clock, chip)
+        self.uarts[uart] = self.bridged = Uart(chip, baud, self.clock, chip, pins, default_pins)
 
     def add_pin(self, pin: Pin) -> Pin:
         """Add a pin, and return it."""

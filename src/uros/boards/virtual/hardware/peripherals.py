@@ -14,7 +14,7 @@ import errno
 import random
 import socket
 from collections.abc import Callable
-from typing import ClassVar, Final, Protocol
+from typing import ClassVar, Final, NamedTuple, Protocol
 
 from ..modems.esp8266 import Esp8266
 from ..modems.gs2200 import Gs2200
@@ -67,22 +67,38 @@ class Cable(Modem, Protocol):
         """Wait until there may be octets to read, for so many seconds of the host at most."""
 
 
+class UartPins(NamedTuple):
+    """The pins of a UART by their names."""
+
+    tx: str
+    rx: str
+
+    def __str__(self) -> str:
+        return f"tx={self.tx}, rx={self.rx}"
+
+
 class Uart:
     """A UART of a board, and a line with a baud rate.
 
-    ``overruns`` counts the octets lost because the receive buffer was full.
+    ``overruns`` counts the octets lost because the receive buffer was full. ``chosen_pins`` are the
+    pins that the program uses; where they are not those of the device, nothing arrives.
 
     Args:
         device: The device at the other end.
         baud: Its baud rate, and that of the UART until :meth:`init`.
         clock: The board's clock.
         cable: The device again, if its baud rate may change.
+        pins: The pins that the device is connected to; None if it is connected to any.
+        default_pins: The pins of a program that names none; None: ``pins``.
     """
 
     def __init__(
-        self, device: Modem, baud: int, clock: BoardClock, cable: Cable | None = None
-    ) -> None:
+        self, device: Modem, baud: int, clock: BoardClock, cable: Cable | None = None,
+        pins: UartPins | None = None, default_pins: UartPins | None = None,
+    ) -> None:  # fmt: skip
         self.overruns = 0
+        self.pins = pins
+        self._default_pins = default_pins or pins or UartPins("", "")
         self._device = device
         self._device_baud = baud
         self._cable = cable
@@ -90,18 +106,35 @@ class Uart:
         self._random = random.Random(baud)
         self.init(baud, 256)
 
-    def init(self, baud: int, rxbuf: int) -> None:
-        """Set baud rate and receive buffer.
+    def init(self, baud: int, rxbuf: int, tx: str = "", rx: str = "") -> None:
+        """Set baud rate, receive buffer and pins.
 
         With another baud rate than the device's, both ends receive noise.
+
+        Args:
+            baud: The baud rate.
+            rxbuf: The size of the receive buffer.
+            tx: The pin to send at, "" for the default.
+            rx: The pin to receive at, "" for the default.
         """
         if not 300 <= baud <= 4_000_000 or not rxbuf:
             raise ValueError(f"no UART has {baud} baud and {rxbuf} octets")
         self._baud = baud
         self._rxbuf = rxbuf
+        self.chosen_pins = UartPins(tx or self._default_pins.tx, rx or self._default_pins.rx)
         self._received = bytearray()
         self._unsent = bytearray()
         self._at = self._clock.world_us()
+
+    @property
+    def sends(self) -> bool:
+        """Whether the device is connected to the pin to send at."""
+        return self.pins is None or self.pins.tx == self.chosen_pins.tx
+
+    @property
+    def receives(self) -> bool:
+        """Whether the device is connected to the pin to receive at."""
+        return self.pins is None or self.pins.rx == self.chosen_pins.rx
 
     def rates(self) -> tuple[int, int]:
         """Return the baud rates of the UART and of the device."""
@@ -125,9 +158,12 @@ class Uart:
             return
         self._at += count * _BITS * 1_000_000 // self._baud
         if self._unsent:
-            self._device.write(self._noise(bytes(self._unsent[:count])))
+            if self.sends:
+                self._device.write(self._noise(bytes(self._unsent[:count])))
             del self._unsent[:count]
         octets = self._noise(self._device.read(count) or b"")
+        if not self.receives:
+            return
         room = self._rxbuf - len(self._received)
         self.overruns += max(0, len(octets) - room)
         self._received += octets[:room]

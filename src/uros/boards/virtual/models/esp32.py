@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
+from ..hardware.peripherals import UartPins
 from ..hardware.pins import Button, Led, Pin, Potentiometer
 
 if TYPE_CHECKING:
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
 
 _PINS: Final = (*range(6), *range(12, 20), *range(21, 24), *range(25, 28), *range(32, 40))
 _AGENT_UART: Final = 2
+_AGENT_PINS: Final = UartPins("17", "16")  # also MicroPython's default of UART 2
 _LED: Final = "22"
 _SECOND: Final = "23"
 _KNOB: Final = "34"
@@ -26,7 +28,7 @@ def wire(board: VirtualBoard) -> None:
     board.unique_id = b"\x24" + board.number(5)
     for number in _PINS:
         board.add_pin(Pin(str(number)))
-    board.bridge(_AGENT_UART)
+    board.bridge(_AGENT_UART, _AGENT_PINS)
     knob = Potentiometer("knob", board.seed)
     board.parts.add(knob)
     board.add_pin(Pin(_KNOB, "knob", analog=knob.analog))

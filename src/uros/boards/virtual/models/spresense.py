@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from ..devices.camera import Camera
+from ..hardware.peripherals import UartPins
 from ..hardware.pins import Led, Pin
 from ..world.arena import Arena
 from ..world.renderer import Scene
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 
 _PINS: Final = (*range(22), *range(33, 49))
 _AGENT_UART: Final = 1
+_AGENT_PINS: Final = UartPins("43", "44")
+_DEFAULT_PINS: Final = UartPins("10", "9")  # MicroPython's of UART 1
 _BAUD: Final = 115_200
 LEDS: Final = ("38", "39", "40", "41")
 
@@ -32,7 +35,8 @@ def wire(board: VirtualBoard) -> None:
     board.unique_id = b"\x34" + board.number(5)
     for number in _PINS:
         board.add_pin(Pin(str(number)))
-    board.bridge(_AGENT_UART, _CAMERA_BAUD if camera else _BAUD)
+    baud = _CAMERA_BAUD if camera else _BAUD
+    board.bridge(_AGENT_UART, _AGENT_PINS, _DEFAULT_PINS, baud)
     for index, pin in enumerate(LEDS):
         board.add_led(pin, Led(f"led{index}", board.changed), f"LED{index}")
     if camera:

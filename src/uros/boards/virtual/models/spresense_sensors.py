@@ -18,7 +18,7 @@ from ..devices.mpu6050 import Mpu6050
 from ..devices.sht3x import Sht3x
 from ..devices.tfluna import TfLuna
 from ..hardware.i2c import I2CBus
-from ..hardware.peripherals import Uart
+from ..hardware.peripherals import Uart, UartPins
 from ..hardware.pins import Pin
 from ..world.outdoors import Outdoors
 from . import spresense
@@ -31,6 +31,8 @@ _SDA: Final = "1"
 _SCL: Final = "2"
 _GNSS_UART: Final = 2
 _GNSS_BAUD: Final = 9600
+_GNSS_PINS: Final = UartPins("47", "48")
+_DEFAULT_PINS: Final = UartPins("17", "16")  # MicroPython's of UART 2
 
 
 def wire(board: VirtualBoard) -> None:
@@ -57,4 +59,6 @@ def wire(board: VirtualBoard) -> None:
     power_on = time.time() - board.clock.world_us() / 1e6
     gnss = Gnss(world.place, power_on, seed=seed, baud=_GNSS_BAUD)
     board.parts.add(gnss)
-    board.uarts[_GNSS_UART] = Uart(gnss, _GNSS_BAUD, board.clock)
+    board.uarts[_GNSS_UART] = Uart(
+        gnss, _GNSS_BAUD, board.clock, pins=_GNSS_PINS, default_pins=_DEFAULT_PINS
+    )

@@ -28,7 +28,8 @@ UNIQUE_ID = 20  #   nothing                                     octets
 FREQUENCY = 21  #   nothing                                     number: Hz
 ENDED = 22  #       the traceback, or nothing                   nothing
 HEAP = 23  #        text: octets in use, peak                   nothing
-UART_INIT = 24  #   u8 number, u32 baud, u32 octets of buffer   nothing
+UART_INIT = 24  #   u8 number, u32 baud, u32 octets of buffer,
+#                   names of the pins tx, NUL, rx; "": default  nothing
 UART_WRITE = 25  #  u8 number, octets                           number: how many were taken
 UART_READ = 26  #   u8 number, u16 at most                      octets
 UART_ANY = 27  #    u8 number                                   number: octets to read

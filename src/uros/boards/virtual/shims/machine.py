@@ -406,6 +406,7 @@ def _register(memaddr: int, addrsize: int) -> bytes:
 class UART:
     """A UART by its number; only those with a device connected exist.
 
+    Where ``tx`` and ``rx`` are not the device's pins, nothing arrives, and the console says so.
     No call but :meth:`wait` waits: ``timeout`` is 0. It buffers ``rxbuf`` received octets. Where
     nothing was received, the next half a millisecond brings nothing either, 2 ms after a wait:
     programs read often, and each read costs the host more than a board.
@@ -413,15 +414,17 @@ class UART:
 
     def __init__(
         self, id: int, baudrate: int = 9600, bits: int = 8, parity: int | None = None,
-        stop: int = 1, *, tx: object = None, rx: object = None, txbuf: int = 256,
-        rxbuf: int = 256, timeout: int = 0, timeout_char: int = 0,
+        stop: int = 1, *, tx: "Pin | int | str | None" = None,
+        rx: "Pin | int | str | None" = None, txbuf: int = 256, rxbuf: int = 256, timeout: int = 0,
+        timeout_char: int = 0,
     ) -> None:  # fmt: skip
         self._id = id
         self._empty = -1  # the ticks when there was nothing more to read
         self._quiet_us = 0  # how long after that the board is not asked
         self._waited = b""  # received in wait() and not read yet
+        pins = b"\0".join([b"" if pin is None else Pin(pin)._octets for pin in (tx, rx)])
         try:
-            _board.call(_board.UART_INIT, struct.pack("<BII", self._id, baudrate, rxbuf))
+            _board.call(_board.UART_INIT, struct.pack("<BII", self._id, baudrate, rxbuf) + pins)
         except OSError:
             text = "UART(" + str(id) + ") doesn't exist"
             raise _missing(text, _board.UART_INIT, id)  # noqa: B904

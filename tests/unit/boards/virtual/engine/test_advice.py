@@ -2,7 +2,7 @@
 
 import pytest
 
-from uros.boards.virtual.engine.advice import advice, module_advice
+from uros.boards.virtual.engine.advice import advice, miswiring, module_advice
 from uros.boards.virtual.hardware.board import VirtualBoard
 from uros.boards.virtual.models.catalog import find
 from uros.boards.virtual.shims import _ops as ops
@@ -21,8 +21,8 @@ def told(name, operation, asked, plugs=()):
     [
         (
             "esp32_publisher", ops.UART_INIT, "1",
-            "this virtual board has UART(2), its USB line; --plug esp8266:uart=1 adds a Wi-Fi modem"
-            " on UART(1)",
+            "this virtual board has UART(2) at tx=17, rx=16 (its USB line); --plug esp8266:uart=1"
+            " adds a Wi-Fi modem on UART(1)",
         ),
         (
             "esp32_publisher", ops.PIN_MODE, "LED",
@@ -72,6 +72,39 @@ def test_the_plug_that_is_named_can_be_plugged_in(operation, asked, plug):
     )
     try:
         assert board.radio is not None or 1 in board.uarts or 0 in board.spis
+    finally:
+        board.close()
+
+
+@pytest.mark.parametrize(
+    ("name", "pins", "text"),
+    [
+        ("esp32_publisher", ("17", "16"), ""),
+        ("esp32_publisher", ("", ""), ""),
+        (
+            "esp32_publisher", ("16", "17"),
+            "UART(2) has tx=16, rx=17 (swapped), and this virtual board's line is at tx=17, rx=16:"
+            " nothing arrives at either end, as on a real board",
+        ),
+        (
+            "esp32_publisher", ("17", "5"),
+            "UART(2) has tx=17, rx=5, and this virtual board's line is at tx=17, rx=16: the board"
+            " receives nothing, as on a real board",
+        ),
+        ("spresense_sensors", ("47", "48"), ""),
+        (
+            "spresense_sensors", ("", "48"),
+            "UART(2) has tx=17, rx=48, and this virtual board's line is at tx=47, rx=48: nothing"
+            " that the board sends arrives, as on a real board",
+        ),
+        ("spresense_publisher_wifi", ("1", "2"), ""),  # a plug fits any pins
+    ],
+)  # fmt: skip
+def test_pins_that_are_not_those_of_the_line(name, pins, text):
+    board = VirtualBoard(find(name))
+    try:
+        board.uarts[2].init(9600, 256, *pins)
+        assert miswiring(board, 2) == text
     finally:
         board.close()
 

@@ -439,6 +439,40 @@ def test_both_ends_of_a_line_need_the_same_baud_rate(program):
         port.close()
 
 
+SWAPPED = """
+    from machine import Pin, UART
+    for pins in ({"tx": 99}, {"rx": "LED"}):
+        try:
+            UART(2, 115200, **pins)
+        except ValueError as error:
+            print("refused", error)
+    uart = UART(2, 115200, tx=16, rx=Pin(17), timeout=0)
+    uart.write(b"lost")
+    uart.wait(200)
+    print("read", uart.any(), uart.read(64))
+    uart = UART(2, 115200, tx=Pin(17), rx=16, timeout=0)
+    uart.write(b"found")
+    print("again")
+    uart.wait(30000)
+"""
+
+
+@pytest.mark.parametrize("engine_name", ["cpython", "micropython"])
+def test_the_line_is_dead_at_other_pins_and_the_console_says_so(program, engine_name):
+    with RunningBoard(program(SWAPPED), "esp32_publisher", engine_name) as board:
+        port = DevicePort(str(board.path), 115200)
+        port.open()
+        port.write(b"nobody hears this")
+        assert "invalid pin: this virtual board has no pin '99'" in board.wait("refused")
+        assert "no pin 'LED'" in board.wait("refused")
+        assert "tx=16, rx=17 (swapped)" in board.wait("UART(2) has")
+        board.wait("read 0 None")
+        while (line := board.console.get(timeout=30)) != "again":
+            assert "UART(2) has" not in line
+        assert answer(port, 5) == b"found"
+        port.close()
+
+
 def answer(port, size):
     data = b""
     while len(data) < size:

@@ -6,7 +6,13 @@ import pytest
 
 from uros.boards.virtual.hardware.board import FaultError, VirtualBoard
 from uros.boards.virtual.hardware.clock import ManualClock
-from uros.boards.virtual.hardware.peripherals import PeripheralError, Radio, Spi, Uart
+from uros.boards.virtual.hardware.peripherals import (
+    PeripheralError,
+    Radio,
+    Spi,
+    Uart,
+    UartPins,
+)
 from uros.boards.virtual.models.catalog import find
 from uros.boards.virtual.modems.radio_network import RadioNetwork
 
@@ -129,6 +135,28 @@ def test_an_idle_cable_is_waited_for_once_and_other_devices_are_polled(line):
     other_clock, _, other = line
     other.pause(100_000)
     assert other_clock.world_us() == 1_000
+
+
+@pytest.mark.parametrize(
+    ("chosen", "sent", "received"),
+    [
+        (("17", "16"), b"to the device", b"to the board"),
+        (("", ""), b"", b""),  # the default is elsewhere
+        (("16", "17"), b"", b""),
+        (("17", ""), b"to the device", b""),
+        (("4", "16"), b"", b"to the board"),
+    ],
+)
+def test_nothing_arrives_at_pins_that_are_not_those_of_the_device(chosen, sent, received):
+    clock, device = ManualClock(), Device()
+    uart = Uart(device, 115200, clock, pins=UartPins("17", "16"), default_pins=UartPins("10", "9"))
+    uart.init(115200, 256, *chosen)
+    uart.write(b"to the device")
+    device.to_send = b"to the board"
+    clock.advance(1_000_000)
+    assert uart.read(100) == received and device.received == sent
+    assert device.to_send == b""  # what is sent into the air is lost
+    assert uart.write(bytes(200)) == 200  # and makes room
 
 
 def test_a_long_message_leaves_room_in_the_receive_buffer():
