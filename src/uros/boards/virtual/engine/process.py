@@ -136,7 +136,7 @@ class _SecondCore:
         console = Console(lambda line: self._process.send("console", line=line))
 
         def ended(traceback: str) -> None:
-            console.flush()
+            console.forget()  # the last error is shown in full
             console.print(traceback)
 
         host = self._host = BoardHost(
@@ -351,9 +351,8 @@ class BoardProcess:
 
     def _ended(self, traceback: str) -> None:
         self._send_reads()
-        if traceback:
-            self._console.flush()
-            self._console.print(traceback)
+        self._console.forget()  # the last error is shown in full
+        self._console.print(traceback)
         self._console.flush()
         if missing := module_advice(traceback):
             self._console.print(missing + "\n")
