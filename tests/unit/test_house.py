@@ -33,10 +33,11 @@ ALLOWED = {
     "addresses": set(),
     "poller": set(),
     "file_lock": set(),
+    "similar": set(),
     "drivers": set(),
     "control": set(),
     "qos": {"wire"},
-    "interfaces": {"wire"},
+    "interfaces": {"wire", "similar"},
     "transport": {"wire", "ticks", "agent"},
     "client": {"wire", "interfaces", "qos", "ticks"},
     "middleware": {"interfaces", "qos", "names", "token_bucket", "addresses", "poller"},
@@ -50,12 +51,12 @@ ALLOWED = {
     "boards": {
         "wire", "transport", "client", "control", "drivers", "middleware", "interfaces", "agent",
         "host", "dashboard", "qos", "ticks", "names", "printable", "http_server", "moved",
-        "token_bucket", "addresses", "poller", "file_lock", "bag",
+        "token_bucket", "addresses", "poller", "file_lock", "bag", "similar",
     },
     "tools": {
         "wire", "transport", "client", "control", "drivers", "middleware", "interfaces", "agent",
         "host", "boards", "dashboard", "qos", "ticks", "names", "printable", "http_server", "moved",
-        "token_bucket", "addresses", "poller", "file_lock", "bag",
+        "token_bucket", "addresses", "poller", "file_lock", "bag", "similar",
     },
 }  # fmt: skip
 # Packages within a room: what they must not import, and why.
@@ -94,6 +95,7 @@ FULL = {
         "poller",
         "printable",
         "qos",
+        "similar",
         "ticks",
         "token_bucket",
     },

@@ -28,7 +28,7 @@ VARIABLE: Final = "UROS_INTERFACES"
 """The environment variable with folders of definitions, which `os.pathsep` separates."""
 MAX_FILE: Final = 1 << 20
 """Largest definition file, in bytes; a larger one is rejected."""
-# The most types that are suggested for an unknown one.
+# The most types of the same name in other packages that are suggested for an unknown one.
 _SUGGESTED: Final = 3
 # How much less close than the closest one a type may be that is suggested beside it, of 1.
 _BESIDE: Final = 0.1
@@ -372,21 +372,22 @@ def _unknown(name: str) -> str:
 
 def _meant(name: str) -> str:
     """Return the known types that come close to a name, the closest first, or nothing."""
-    from difflib import SequenceMatcher, get_close_matches
+    from difflib import SequenceMatcher
+
+    from ..similar import closest
 
     names = list_types()
     wanted = name.replace("::", "/").replace(".", "/").lower()
     plain = wanted.rpartition("/")[2]
     same = [known for known in names if known.lower().rpartition("/")[2] == plain]
     ratios = {known: SequenceMatcher(None, wanted, known.lower()).ratio() for known in same}
-    close = sorted(same, key=lambda known: -ratios[known])
+    close = sorted(same, key=lambda known: -ratios[known])[:_SUGGESTED]
     if "/" in wanted and close:  # the package counts too
         close = [known for known in close if ratios[known] > ratios[close[0]] - _BESIDE]
     if not close:
-        close = get_close_matches(wanted, names, _SUGGESTED, 0.7)
-        best = SequenceMatcher(None, wanted, close[0]).ratio() if close else 0.0
-        close = [k for k in close if SequenceMatcher(None, wanted, k).ratio() > best - _BESIDE]
-    if not close and "/" not in wanted:
-        plains = {known.rpartition("/")[2].lower(): known for known in names}
-        close = [plains[match] for match in get_close_matches(plain, plains, _SUGGESTED, 0.7)]
-    return f" (did you mean {' or '.join(close[:_SUGGESTED])}?)" if close else ""
+        if "/" in wanted:
+            close = closest(wanted, names)
+        else:
+            plains = {known.rpartition("/")[2]: known for known in names}
+            close = [plains[match] for match in closest(plain, plains)]
+    return f" (did you mean {' or '.join(close)}?)" if close else ""

@@ -345,7 +345,12 @@ def test_a_wrong_folder_in_the_variable(tmp_path, monkeypatch):
         ("std_msgs/msg/string", "std_msgs/msg/String?)"),
         ("String", "std_msgs/msg/String or example_interfaces/msg/String"),
         ("std_srvs/srv/SetBol", "std_srvs/srv/SetBool?)"),
-        ("std_msgs/msg/Strin", "std_msgs/msg/String or test_msgs/msg/Strings"),
+        ("std_msgs/msg/Strin", "std_msgs/msg/String?)"),
+        ("geometry_msgs/msg/Twst", "geometry_msgs/msg/Twist?)"),
+        (
+            "std_msgs/msg/Int",
+            "std_msgs/msg/Int8 or std_msgs/msg/Int16 or std_msgs/msg/Int32 or std_msgs/msg/Int64?)",
+        ),
         ("Twist", "geometry_msgs/msg/Twist"),
         ("Twst", "geometry_msgs/msg/Twist"),
         ("sensor_msgs.msg.Imu", "sensor_msgs/msg/Imu"),

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import ast
-import difflib
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Final
 
 from uros import moved
 from uros.interfaces import InterfaceError, package, registry
+from uros.similar import closest
 
 from . import secrets_file
 from .errors import BuildError, MissingModule, SourceError
@@ -305,8 +305,8 @@ class Resolver:
             self.resolve_imports(self.modules[name])
 
 
-def _did_you_mean(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
-    close = difflib.get_close_matches(name, sorted(known), 3, cutoff)
+def _did_you_mean(name: str, known: Iterable[str], alike: float = 0.6) -> str:
+    close = closest(name, sorted(known), alike)
     return f"; did you mean {' or '.join(close)}?" if close else ""
 
 

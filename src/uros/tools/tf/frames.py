@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
-from ..errors import closest
+from ...similar import closest
 from .transforms import IDENTITY, Transform, compose, inverse
 
 # Transforms of a frame that are kept, to find those of a common time.

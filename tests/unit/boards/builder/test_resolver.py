@@ -1424,6 +1424,7 @@ def test_own_types(tmp_path: Path, built: Callable[..., dict[str, str]]) -> None
         ("from std_msg.msg import Int32", r"a package std_msg; did you mean std_msgs\? If it is"),
         ("from home.msg import Lamp", r"no definitions of a package home; give the folder"),
         ("from std_msgs.msg import Int23", r"no type std_msgs/msg/Int23; did you mean Int"),
+        ("from std_msgs.msg import Int", r"did you mean Int8 or Int16 or Int32 or Int64\?$"),
         ("from std_msgs.msg import *", "name the types to import"),
         ("from std_msgs.other import X", "has no other for boards"),
         ("from test_msgs.action import X", "no type test_msgs/action/X"),
