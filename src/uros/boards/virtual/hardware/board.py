@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Final, Protocol
 
+from ....similar import closest
 from ..world.room import Room
 from .clock import BoardClock
 from .i2c import I2CBus
@@ -352,6 +353,8 @@ class VirtualBoard:
                     part.heal()
                 return
             if name not in self.parts:
+                if close := self._similar(spec):
+                    raise FaultError(f"there is no {spec}; did you mean {' or '.join(close)}?")
                 names = ", ".join(part.name for part in self.parts)
                 raise FaultError(
                     f"there is no {spec}: write PART:EVENT, such as {self._example()} (parts:"
@@ -372,6 +375,13 @@ class VirtualBoard:
                 heal = f", {name}:off" if part.FAULTS else ""
                 raise FaultError(f"there is no {spec}; there are {', '.join(known)}{heal}")
             self.advance()
+
+    def _similar(self, spec: str) -> list[str]:
+        """Return what may have been meant by a fault or action of no part, with its value."""
+        written, equals, value = spec.partition("=")
+        known = [happening.spec for happening in (*self.acts(), *self.faults())]
+        known += [f"{part.name}:off" for part in self.parts if part.FAULTS]
+        return [each + equals + value for each in closest(written, known)]
 
     def _example(self) -> str:
         return next(happening.spec for happening in (*self.faults(), *self.acts()))

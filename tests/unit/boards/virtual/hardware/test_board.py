@@ -171,6 +171,32 @@ def test_an_unknown_fault_lists_the_known_ones(board, spec):
     assert not active(board)
 
 
+@pytest.mark.parametrize(
+    ("spec", "meant"),
+    [
+        ("sht3:nack", "sht3x:nack"),
+        ("SHT3X:crc", "sht3x:crc"),
+        ("sht3:off", "sht3x:off"),
+        ("unplug", "usb:unplug or usb:plug"),
+    ],
+)
+def test_a_misspelt_part_is_answered_with_what_was_meant(board, spec, meant):
+    with pytest.raises(FaultError) as caught:
+        board.happen(spec)
+    assert str(caught.value) == f"there is no {spec}; did you mean {meant}?"
+
+
+def test_a_misspelt_part_keeps_its_value():
+    board = VirtualBoard(find("esp32_button_led"))
+    try:
+        for spec, meant in (("buton:tap", "button:tap"), ("knop:turn=30", "knob:turn=30")):
+            with pytest.raises(FaultError, match=f"did you mean {meant}"):
+                board.happen(spec)
+            board.happen(meant)
+    finally:
+        board.close()
+
+
 def test_every_listed_fault_can_be_injected_and_cleared(board):
     for fault in board.faults():
         assert fault.text
