@@ -203,9 +203,21 @@ _ROOT: Final = Group(
     },
 )
 
-# Commands of ros2 that uros does not have, by the group that they are in; "" is ros2 itself.
-_ROS2: Final[Mapping[str, tuple[str, ...]]] = {
-    "": ("component", "launch"),
+# Commands of ros2 that uros does not have, and what there is in their place.
+_ORDINARY: Final = "boards are ordinary nodes for 'ros2 {}' of ROS 2"
+_ROS2: Final[Mapping[str, str]] = {
+    "component": _ORDINARY,
+    "daemon": "there is no daemon to start or stop: each command discovers the domain itself",
+    "extension_points": "uros has no plug-ins, which 'ros2 {}' of ROS 2 lists",
+    "extensions": "uros has no plug-ins, which 'ros2 {}' of ROS 2 lists",
+    "launch": _ORDINARY,
+    "pkg": "uros makes no ROS packages: 'uros board new' begins a program for a board, 'uros"
+    " interface packages' lists packages with types, and the rest is 'ros2 {}' of ROS 2",
+    "security": "boards are secured by TLS, an option of 'uros agent'; keystores of DDS are for"
+    " 'ros2 {}' of ROS 2",
+    "test": "uros has no launch tests, which 'ros2 {}' of ROS 2 runs; 'uros board new' begins a"
+    " program with a test",
+    "wtf": "uros doctor does that",
 }
 
 # The most commands one level down that are named for an unknown one.
@@ -275,22 +287,18 @@ def _run_group(prog: str, group: Group, argv: list[str]) -> int:
 
         hint = _elsewhere(group, argv[0]) or _below(group, argv[0])
         hint = hint or did_you_mean(argv[0], group.members)
-        parser.error(
-            f"there is no command {argv[0]!r}{hint} (commands: {', '.join(group.members)})"
-        )
+        hint = hint or f" (commands: {', '.join(group.members)})"
+        parser.error(f"there is no command {argv[0]!r}{hint}")
     parser.parse_args(argv)
     parser.print_help()
     return 0
 
 
 def _elsewhere(group: Group, name: str) -> str:
-    """Return where a command of ros2 is that uros does not have, or nothing."""
-    if group is _ROOT and name == "wtf":
-        return "; uros doctor does that"
-    path = next((word for word, member in _ROOT.members.items() if member is group), "")
-    if name not in _ROS2.get(path, ()):
+    """Return what there is in place of a command of ros2 that uros does not have, or nothing."""
+    if group is not _ROOT or name not in _ROS2:
         return ""
-    return f"; boards are ordinary nodes for '{' '.join(['ros2', *path.split(), name])}' of ROS 2"
+    return f"; {_ROS2[name].format(name)}"
 
 
 def _below(group: Group, name: str) -> str:

@@ -5,7 +5,10 @@ from __future__ import annotations
 import argparse
 import re
 from collections.abc import Sequence
-from typing import Any, NoReturn
+from typing import Any, Final, NoReturn
+
+# Characters of a list of options; beyond that an error names the help alone.
+_LONGEST_LIST: Final = 80
 
 
 class Parser(argparse.ArgumentParser):
@@ -49,7 +52,7 @@ class Parser(argparse.ArgumentParser):
             self.error(f"unrecognized arguments: {' '.join(unknown)}{self._known(unknown)}")
 
     def _known(self, unknown: Sequence[str]) -> str:
-        """Return the option that comes close to an unknown one, else all options."""
+        """Return the option that comes close to an unknown one, else all of a few options."""
         from .errors import did_you_mean
 
         wrong = [word.partition("=")[0] for word in unknown if word.startswith("-")]
@@ -62,4 +65,5 @@ class Parser(argparse.ArgumentParser):
         ]
         every = [option for options in shown for option in options]
         close = did_you_mean(wrong[0], every) if wrong[0].startswith("--") else ""
-        return close or f" (options: {', '.join(options[-1] for options in shown)})"
+        listed = f" (options: {', '.join(options[-1] for options in shown)})"
+        return close or (listed if len(listed) <= _LONGEST_LIST else "")

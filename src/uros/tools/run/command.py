@@ -10,7 +10,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TextIO
 
 from ..common import domain
-from ..errors import ToolError, did_you_mean
+from ..errors import ToolError, UsageError, did_you_mean
 
 if TYPE_CHECKING:
     from ...client.remap import Remap
@@ -45,6 +45,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "name", metavar="NAME", nargs="?", help=f"node to run: {', '.join(PROGRAMS)}"
     )
+    # As in 'ros2 run PACKAGE EXECUTABLE', which the error names.
+    parser.add_argument("executable", nargs="?", help=argparse.SUPPRESS)
     parser.add_argument("--list", action="store_true", help="list the nodes and their modules")
     parser.add_argument(
         "--domain", type=domain, metavar="N", help="ROS domain (default: ROS_DOMAIN_ID, or 0)"
@@ -65,11 +67,17 @@ def run(args: argparse.Namespace) -> int:
 
     Raises:
         ToolError: There is no such node, or a remap rule is malformed.
+        UsageError: A package and an executable are given.
     """
     if args.list:
         for name, program in PROGRAMS.items():
             print(f"{name:<17}{program.help} (uros.tools.run.{program.module})")
         return 0
+    if args.executable is not None:
+        raise UsageError(
+            f"uros run has example nodes, one at a time ({', '.join(PROGRAMS)}); nodes of ROS"
+            " packages are run by 'ros2 run' of ROS 2"
+        )
     if args.name not in PROGRAMS:
         what = "name a node to run" if args.name is None else f"there is no node {args.name!r}"
         hint = "" if args.name is None else did_you_mean(args.name, PROGRAMS)

@@ -23,6 +23,14 @@ def test_errors_of_the_command_line(arguments, said, capsys):
     assert said in capsys.readouterr().err
 
 
+def test_an_executable_of_a_ros_package(capsys):
+    assert cli.main(["run", "demo_nodes_cpp", "talker"]) == 2
+    said = "nodes of ROS packages are run by 'ros2 run' of ROS 2"
+    assert said in capsys.readouterr().err
+    assert cli.main(["run", "--help"]) == 0
+    assert "executable" not in capsys.readouterr().out
+
+
 def test_the_list_has_the_place_of_each_node(capsys):
     assert cli.main(["run", "--list"]) == 0
     lines = capsys.readouterr().out.splitlines()
