@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from ...client.parameter import ParameterType
 from ...printable import printable
@@ -16,6 +16,12 @@ from .values import Typed, as_declared, from_message, to_message, type_name
 
 if TYPE_CHECKING:
     from ...host.network import Network
+
+# Declared types whose values were written without a point, as values of the second type.
+_WITHOUT_POINT: Final = (
+    (ParameterType.DOUBLE, ParameterType.INTEGER),
+    (ParameterType.DOUBLE_ARRAY, ParameterType.INTEGER_ARRAY),
+)
 
 
 class Result(NamedTuple):
@@ -126,7 +132,7 @@ class ParameterNode:
         if declared == typed.kind or ParameterType.NOT_SET in (declared, typed.kind):
             return ""
         remedy = ""
-        if declared in (ParameterType.DOUBLE, ParameterType.DOUBLE_ARRAY):
+        if (declared, typed.kind) in _WITHOUT_POINT:
             remedy = "; write 1.0 in place of 1"
         elif declared == ParameterType.STRING:
             remedy = "; put quotes within the quotes: '\"1\"'"

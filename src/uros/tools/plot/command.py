@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import os
+import shlex
 import shutil
 import sys
 import time
@@ -123,7 +125,22 @@ def split(network: Network, path: str) -> tuple[str, str]:
             )
         if absolute.startswith((f"{topic}/", f"{topic}.")):
             return topic, absolute[len(topic) + 1 :]
+    if _is_bag(path):
+        raise ToolError(
+            f"{path!r} is a bag, and plot takes topics: 'uros bag play {shlex.quote(path)}' in"
+            " another terminal publishes its topics, and 'uros bag info' lists them"
+        )
     raise ToolError(f"{path!r} begins with no topic{remedy(network, absolute, topics)}")
+
+
+def _is_bag(path: str) -> bool:
+    """Return whether this is the folder of a bag, or a file of one."""
+    from ...bag import metadata, storage
+
+    if os.path.isfile(path):
+        suffixes = tuple(storage.SUFFIXES.values())
+        return path.removesuffix(storage.PACKED_SUFFIX).endswith(suffixes)
+    return os.path.isfile(os.path.join(path, metadata.FILE_NAME))
 
 
 def _receiver(

@@ -19,7 +19,7 @@ from .transforms import matrix, roll_pitch_yaw
 
 _PRECISION: Final = 3
 _MOST_DIGITS: Final = 17
-# Seconds between the messages of what is missing.
+# Seconds between the looks at what is missing, which is said where it has changed.
 _PATIENCE: Final = 1.0
 _MOST_NAMED: Final = 20
 
@@ -64,19 +64,25 @@ def run(args: argparse.Namespace) -> int:
             def found() -> bool:
                 return not _missing(listener, args)
 
+            said = ""
             deadline = None if args.timeout is None else time.monotonic() + args.timeout
             while not network.spin(found, _wait(deadline)):
                 why = _missing(listener, args)
                 if deadline is not None and time.monotonic() >= deadline:
                     raise ToolError(f"no transform within {args.timeout:g} s: {why}")
-                warn(f"waiting for the transform {args.source} -> {args.target}: {why}")
+                if why != said:
+                    warn(f"waiting for the transform {args.source} -> {args.target}: {why}")
+                said = why
             while True:
                 try:
                     stamped = listener.tree.lookup(args.source, args.target)
                     sys.stdout.write("\n".join(_lines(stamped, args.precision)) + "\n")
                     sys.stdout.flush()
+                    said = ""
                 except NoTransformError as error:
-                    warn(str(error))
+                    if str(error) != said:
+                        warn(str(error))
+                    said = str(error)
                 if args.once:
                     return 0
                 network.spin(lambda: False, 1.0 / args.rate)

@@ -75,6 +75,17 @@ def test_ctrl_c_gives_the_terminal_back(plot, monkeypatch):
     assert "/imu/linear_acceleration/x: -2  (min -2, max 1.5, 2 points)" in out
 
 
+def test_a_bag_is_no_topic(plot, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "trip").mkdir()
+    assert "'trip' begins with no topic" in plot("trip", status=1).err
+    (tmp_path / "trip" / "metadata.yaml").touch()
+    (tmp_path / "trip.mcap").touch()
+    for path in ("trip", "trip.mcap"):
+        said = plot(path, status=1).err
+        assert f"'{path}' is a bag, and plot takes topics: 'uros bag play {path}' in" in said
+
+
 @pytest.mark.parametrize(
     "path, said",
     [

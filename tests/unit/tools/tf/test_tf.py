@@ -1,7 +1,12 @@
 """What ``uros tf`` prints."""
 
 import pytest
+from support.graph_network import GraphNetwork
+from unit.host.test_graph_queries import Net
 
+from uros.host.network import Received
+from uros.interfaces import load
+from uros.interfaces.codec import to_cdr
 from uros.tools import cli
 from uros.tools.tf import echo
 from uros.tools.tf.frames import FrameTree, Stamped
@@ -59,6 +64,30 @@ def test_the_tree_and_its_faults():
         "the frames x, y are a loop of parents; one of them needs another one",
         "transforms of 'bad\\n' are not used: it has a number that is not finite",
     ]
+
+
+def test_what_is_missing_is_said_once_until_it_changes(monkeypatch, capsys):
+    network = GraphNetwork(Net()).join(monkeypatch)
+    kind = load("tf2_msgs/msg/TFMessage")
+
+    def hear(*children):
+        message = kind(transforms=[load("geometry_msgs/msg/TransformStamped")() for _ in children])
+        for each, child in zip(message.transforms, children, strict=True):
+            each.header.frame_id, each.child_frame_id = "map", child
+            each.transform.rotation.w = 1.0
+        network.listening["/tf"](Received(to_cdr(message), 0, 1, b"1"))
+
+    def nothing():
+        pass
+
+    network.script = [nothing, nothing, lambda: hear("odom"), nothing, lambda: hear("base")]
+    assert cli.main(["tf", "echo", "map", "base"]) == 0
+    captured = capsys.readouterr()
+    assert [line.partition(" (frames: ")[2] for line in captured.err.splitlines()] == [
+        "none; does a node publish on /tf?)",
+        "map, odom)",
+    ]
+    assert captured.out.startswith("At time 0.0")
 
 
 @pytest.mark.parametrize(
