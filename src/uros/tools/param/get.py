@@ -7,8 +7,9 @@ import argparse
 from ...client.parameter import ParameterType
 from ..common import add_served_node, join
 from ..errors import ToolError
+from ..listing import add_json, print_json
 from .node import parameter_node
-from .values import Typed, shown
+from .values import Typed, json_value, shown, type_name
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -18,6 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--hide-type", action="store_true", help="print the value alone, without its type"
     )
+    add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -31,5 +33,15 @@ def run(args: argparse.Namespace) -> int:
         (typed,) = node.get([args.parameter]) or (Typed(ParameterType.NOT_SET, None),)
         if typed.kind == ParameterType.NOT_SET and (fault := node.unknown([args.parameter])):
             raise ToolError(fault)
-    print(shown(typed, args.hide_type))
+    if args.json:
+        print_json(
+            {
+                "node": node.name,
+                "name": args.parameter,
+                "type": type_name(typed.kind),
+                "value": json_value(typed),
+            }
+        )
+    else:
+        print(shown(typed, args.hide_type))
     return 0

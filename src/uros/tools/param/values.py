@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import base64
 import binascii
+import math
 from typing import Any, Final, NamedTuple
 
 from ...client.parameter import ParameterType, fit, kind_name, kind_of
@@ -171,6 +172,19 @@ def shown(typed: Typed, hide_type: bool) -> str:
         return "None" if hide_type else _LABELS[0]
     text = printable(str(plain(typed)), "\n\t")
     return text if hide_type else f"{_LABELS[typed.kind]} {text}"
+
+
+def json_value(typed: Typed) -> Any:
+    """Return a value as JSON has it: bytes as numbers, and numbers that are not finite as text."""
+    if typed.kind == ParameterType.DOUBLE:
+        return _finite(typed.value)
+    if typed.kind == ParameterType.DOUBLE_ARRAY:
+        return [_finite(value) for value in typed.value]
+    return list(typed.value) if typed.kind == ParameterType.BYTE_ARRAY else typed.value
+
+
+def _finite(value: float) -> float | str:
+    return value if math.isfinite(value) else str(value)
 
 
 def plain(typed: Typed) -> Any:

@@ -6,7 +6,7 @@ from unit.host.test_graph_queries import Net, Node
 
 from uros.tools import cli
 from uros.tools.param import node
-from uros.tools.param.values import Typed
+from uros.tools.param.values import Typed, type_name
 
 
 @pytest.mark.parametrize(
@@ -88,6 +88,46 @@ def test_json(node_x, monkeypatch, capsys):
     assert cli.main(["param", "list", "/_x", "--json", "--param-type"]) == 0
     kinds = [entry["type"] for entry in json.loads(capsys.readouterr().out)]
     assert kinds == ["integer", "bool"]
+
+
+@pytest.mark.parametrize(
+    "declared, value, remedy",
+    [
+        (3, Typed(2, 1), "; write 1.0 in place of 1"),
+        (3, Typed(4, "fast"), ""),
+        (8, Typed(7, [1]), "; write 1.0 in place of 1"),
+        (8, Typed(3, 1.0), ""),
+        (4, Typed(2, 1), "; put quotes within the quotes: '\"1\"'"),
+    ],
+)
+def test_advice_on_a_value_of_another_type(monkeypatch, declared, value, remedy):
+    monkeypatch.setattr(node.ParameterNode, "names", lambda _: ["a"])
+    monkeypatch.setattr(node.ParameterNode, "types", lambda *_: [declared])
+    advice = node.ParameterNode(None, "/x", None).advice("a", value)
+    assert advice == (
+        f"a is of the type {type_name(declared)}, and the value of the type"
+        f" {type_name(value.kind)}{remedy}"
+    )
+
+
+@pytest.mark.parametrize(
+    "typed, kind, value",
+    [
+        (Typed(2, 7), "integer", 7),
+        (Typed(3, float("nan")), "double", "nan"),
+        (Typed(4, "a\x1b"), "string", "a\x1b"),
+        (Typed(5, b"\x00\xff"), "byte array", [0, 255]),
+        (Typed(8, [1.5, float("-inf")]), "double array", [1.5, "-inf"]),
+        (Typed(0, None), "not set", None),
+    ],
+)
+def test_get_as_json(node_x, monkeypatch, capsys, typed, kind, value):
+    monkeypatch.setattr(node.ParameterNode, "names", lambda _: ["a"])
+    monkeypatch.setattr(node.ParameterNode, "get", lambda *_: [typed])
+    assert cli.main(["param", "get", "/_x", "a", "--json"]) == 0
+    out = capsys.readouterr().out
+    assert json.loads(out) == {"node": "/_x", "name": "a", "type": kind, "value": value}
+    assert "\x1b" not in out
 
 
 def test_dump_prints_with_and_without_the_option_of_humble(node_x, monkeypatch, capsys):
