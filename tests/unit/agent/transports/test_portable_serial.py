@@ -248,6 +248,7 @@ class Port:
     """A port that accepts no bytes until ``room`` is set."""
 
     baudrate = 115200
+    write_timeout = 0.005
 
     def __init__(self):
         self.room, self.fails = threading.Event(), None
@@ -273,7 +274,7 @@ class Port:
     def write(self, data):
         from serial import SerialTimeoutException
 
-        if not self.room.wait(0.005):
+        if not self.room.wait(self.write_timeout):
             raise SerialTimeoutException("Write timeout")
         self.written += data
         return len(data)
@@ -281,6 +282,7 @@ class Port:
 
 def test_a_line_that_takes_nothing_loses_messages_and_nothing_waits(host, monkeypatch):
     port = Port()
+    port.write_timeout = SECONDS  # what times out is dropped, and would make room
     monkeypatch.setattr(module, "_made", lambda *_: port)
     server = opened(host, "port")
     for _ in range(2000):
