@@ -231,7 +231,7 @@ def bag_play(output, hostile, sends, tmp_path):
     lines = output("bag", "play", tmp_path / "bag", *hostile)
     assert sum(printable(text) in line for line in lines) == 2
     output("bag", "play", tmp_path / "bag", "-m", text, *hostile, status=2)
-    output("bag", "play", tmp_path / text, *hostile, status=1)
+    output("bag", "play", tmp_path / text, *hostile, status=2)
 
 
 def node_list(output, hostile):
