@@ -39,6 +39,7 @@ LONGEST_FIRST = ("unit", "interop", "mpy", "boards", "contract", "replay", "docs
 TWO: tuple[str, ...] = ("-n", "2", "--dist", "loadfile")
 WORKERS = {"unit": TWO, "interop": TWO}
 PREPARE = {
+    "unit": (env.micropython,),
     "interop": (env.micropython, env.ddsperf),
     "boards": (env.micropython,),
     "mpy": (env.micropython,),

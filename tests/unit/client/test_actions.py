@@ -49,7 +49,7 @@ def work(goal):
         if goal.is_cancel_requested:
             goal.canceled()
             return Fibonacci.Result(sequence)
-        sequence.append(sequence[i] + sequence[i - 1])
+        sequence.append(sequence[i] + sequence[i - 1] & 0x7FFFFFFF)  # an int32, of any order
         goal.publish_feedback(Fibonacci.Feedback(sequence))
         yield 0.002
     goal.succeed()

@@ -146,8 +146,9 @@ def test_hostile_names_stay_in_their_line(audited, name):
 # --- floods and disks --------------------------------------------------------------------------
 
 
-def test_a_flood_of_refusals_writes_few_lines_and_each_is_counted(audited):
-    agent, _, lines = audited
+def test_a_flood_of_refusals_writes_few_lines_and_each_is_counted(audited, monkeypatch):
+    agent, trail, lines = audited
+    monkeypatch.setattr(trail, "_lines", module.RateLimit(10.0, LINE_BURST, lambda: 100.0))
 
     def flood():
         for number in range(5000):

@@ -225,6 +225,7 @@ def test_the_builds_that_were_used_last_are_kept(folder, monkeypatch):
     assert sorted(path.stem for path in folder.iterdir()) == ["first", "third"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("form", ["py", "mpy"])
 def test_a_virtual_board_starts_with_the_files_of_the_build_before(program, folder, form):
     """The second board runs what the archive has, and so says what was put into it."""
