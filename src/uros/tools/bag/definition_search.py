@@ -15,10 +15,9 @@ if TYPE_CHECKING:
 # more of them wait, and the others are recorded without a definition.
 _AT_ONCE: Final = 16
 _MOST_WAITING: Final = 1024
-# Seconds for a node to match, and to answer: nobody waits for that, while a topic is recorded.
+# Seconds for a node to match, and to answer; and within which its service may be discovered after
+# its topic. Nobody waits for that, while a topic is recorded.
 _PATIENCE: Final = 5.0
-# Seconds within which a node's service may be discovered after its topic.
-_APPEARS: Final = 1.0
 
 
 class Found(NamedTuple):
@@ -53,7 +52,7 @@ class DefinitionSearch:
         """Go on, and return what has come of types; ``now`` in seconds."""
         while self._waiting and len(self._questions) < _AT_ONCE:
             name = self._waiting.popleft()
-            self._questions[name] = TypeQuestion(self._network, name, now, _PATIENCE, _APPEARS)
+            self._questions[name] = TypeQuestion(self._network, name, now, _PATIENCE, _PATIENCE)
         ended = [name for name, question in self._questions.items() if question.turn(now)]
         return [_found(name, self._questions.pop(name)) for name in ended]
 
