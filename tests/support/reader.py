@@ -345,7 +345,7 @@ def serves(words: str, folder: Path) -> bool:
     """Whether a command runs until Ctrl-C and others need it meanwhile."""
     if re.match(rf"{AGENT}|uros (board run |fleet |demo)", words):
         return "--seconds" not in words
-    if re.match(r"uros run (talker|listener|trigger_service)", words):
+    if re.match(r"uros run (talker|listener|trigger_service)|uros bag play .*--loop", words):
         return True
     program = re.match(r"python3? ([\w/]+\.py)", words)
     return program is not None and ".spin()" in (folder / program[1]).read_text()
@@ -357,7 +357,7 @@ def shows(words: str) -> bool:
         return "--once" not in words
     if re.match(r"uros topic pub ", words):
         return not re.search(r"--once|-1|--times|-t \d", words)
-    if re.match(r"uros image view", words):
+    if re.match(r"uros image view|uros plot ", words):
         return True
     return bool(re.match(r"uros topic hz |uros trace(?! \S+\.pcapng)", words)) or bool(
         re.search(r" --watch | --follow\b", words + " ")
