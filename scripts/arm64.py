@@ -64,8 +64,7 @@ NOT_EMULATED = {
     "::test_a_scrape_has_the_values_of_the_snapshot": "a process's memory in /proc",
     "tests/unit/boards/virtual/world/test_rover.py"
     "::test_the_simulation_is_twenty_times_faster_than_real_time": _SPEED,
-    "tests/unit/tools/multicast/test_multicast.py"
-    "::test_a_group_is_joined_on_this_machine": _GROUPS,
+    "tests/unit/tools/multicast/test_multicast.py::test_a_group_is_joined_on_this_machine": _GROUPS,
     "tests/unit/agent/test_server.py::test_a_hostile_client_cannot_make_a_turn_long": _SPEED,
 }
 # What needs `env.py micropython` or tshark, which are not installed in there.
