@@ -93,6 +93,7 @@ def test_the_tools_see_a_node_of_the_host(environment):
 def test_the_first_board_program_of_the_readme(environment, tmp_path):
     """As a reader does it: the board with its agent, and two tools."""
     text = (ROOT / "README.md").read_text("utf-8").partition("## First board program")[2]
+    text = text.partition("\n## ")[0]
     (tmp_path / "main.py").write_text(re.search(r"```python\n(.*?)```", text, re.DOTALL)[1])
     commands = [shlex.split(line) for line in re.findall(r"^uros (.*)$", text, re.MULTILINE)]
     (run,) = [command for command in commands if command[:2] == ["board", "run"]]
