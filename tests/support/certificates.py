@@ -39,11 +39,10 @@ class Authority:
         return self.issue("agent", **options)
 
     def revoke(self, *certificates, path=None, days=7, age=30):
-        """Write a revocation list of these certificate files that ends in so many days; its path.
+        """Write a revocation list of these certificate files; return its path.
 
-        It is so many days old.
-
-        It has no other certificates, also if another list was written before.
+        It was made ``age`` days ago and ends in ``days`` days. It has no other certificates, also
+        if another list was written before.
         """
         now = datetime.datetime.now(datetime.timezone.utc)
         issuer = x509.load_pem_x509_certificate(self._ca.cert_pem.bytes())

@@ -262,19 +262,15 @@ class BagWriter:
         return bool(self._max_duration_ns) and age > self._max_duration_ns
 
     def _finish_file(self, metadata: BagMetadata) -> None:
-        failure: BagError | None = None
         try:
             with self._reported:
                 self._file.close(metadata)
-        except BagError as error:
-            failure = error
-        if not self._is_there():
-            raise BagError(
-                f"{self._path}: another program has replaced or removed this file; what was"
-                " recorded since then is lost"
-            ) from failure
-        if failure is not None:
-            raise failure
+        finally:
+            if not self._is_there():  # which explains an error of closing, too
+                raise BagError(
+                    f"{self._path}: another program has replaced or removed this file; what was"
+                    " recorded since then is lost"
+                )
 
     def _is_there(self) -> bool:
         """Return whether the path still names the file that is written."""

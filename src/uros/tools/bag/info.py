@@ -53,7 +53,8 @@ def run(args: argparse.Namespace) -> int:
     from ...bag.reader import BagReader
 
     reader = BagReader(args.bag_path, args.storage)
-    if not args.verbose:  # with -v the messages are read, which fails
+    # A single file was opened just now, and -v reads all messages: both fail if it is damaged.
+    if not args.verbose and Path(args.bag_path).is_dir():
         warn_of_damage(reader)
     if args.topic_name and args.verbose:
         print("uros bag info: -t has no effect beside -v", file=sys.stderr)
