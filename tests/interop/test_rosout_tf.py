@@ -51,13 +51,12 @@ def test_the_log_is_received_with_lines_from_before_the_subscription(board):
     assert {line.name for line in lines} == {name[1:].replace("/", ".")}
     ticks = [line for line in lines if "tick" in line.msg]
     assert ticks[0].level == 30
-    # One a second, by throttle_duration_sec.
-    first, second = lines_until(peer, lambda line: "tick" in line.msg), None
-    while second is None:
-        (second,) = lines_until(peer, lambda line: "tick" in line.msg)[-1:]
-    since = second.stamp.sec - first[-1].stamp.sec
-    since += (second.stamp.nanosec - first[-1].stamp.nanosec) / 1e9
-    assert 0.9 < since < 5
+    # One a second of ten ticks, by throttle_duration_sec. Ticks are counted: stamps follow the
+    # host's clock, which the board's is set by meanwhile, and a busy machine's ticks are late.
+    for _ in range(3):
+        ticks += lines_until(peer, lambda line: "tick" in line.msg)[-1:]
+    numbers = [int(line.msg.split()[1]) for line in ticks[-3:]]
+    assert 4 < numbers[2] - numbers[0] <= 22, numbers
     infos = peer.do("topic", topic="/rosout", count=2)["infos"]
     assert len({tuple(sorted(info.items())) for info in infos}) == 1, infos  # as rclpy's own
 

@@ -101,11 +101,13 @@ def test_a_callback_that_hangs_resets_the_board_which_connects_again(
         board.wait("cause 1")
         publisher = node.create_publisher(Empty, "/hang", 10)
         node.spin_until(lambda: node.connection.matched(publisher), "the board")
-        for number in (1, 2):
+        for _ in range(2):
             publisher.publish(Empty())
             board.wait("hangs")
+            # A client that waits long for the first answer asks again: that counts as well.
+            before = node.agent_log().count("re-established")
             board.wait("cause 3")
             node.spin_until(
-                lambda number=number: node.agent_log().count("re-established") == number,
+                lambda before=before: node.agent_log().count("re-established") > before,
                 "the session to go on",
             )
