@@ -39,7 +39,7 @@ class TopicReader(ReaderListener):
         self.type_name = type_name
         self.qos = qos
         self.needs_heartbeat = needs_heartbeat
-        super().__init__(dispatcher, entity, on_ready)
+        super().__init__(dispatcher, entity, on_ready, may_be_local=True)
 
 
 class DdsContext:

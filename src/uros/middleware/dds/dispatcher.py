@@ -27,18 +27,26 @@ class ReaderListener:
         taken: Whether something was taken since the last call.
         paused: Whether it is left out of the waitset until something is taken.
         local_only: See :meth:`Dispatcher.watch_local`.
+
+    Args:
+        dispatcher: What watches it from now on.
+        entity: The DDS entity.
+        on_ready: What to call.
+        may_be_local: Whether it is a reader that writers of this middleware may match.
     """
 
     __slots__ = ("dispatcher", "entity", "key", "local_only", "on_ready", "paused", "taken")
 
-    def __init__(self, dispatcher: Dispatcher, entity: int, on_ready: OnReady) -> None:
+    def __init__(
+        self, dispatcher: Dispatcher, entity: int, on_ready: OnReady, may_be_local: bool = False
+    ) -> None:
         self.dispatcher = dispatcher
         self.entity = entity
         self.on_ready = on_ready
         self.taken = True
         self.paused = False
-        self.local_only = False
-        self.key = dispatcher.watch(self)
+        self.local_only = may_be_local
+        self.key = dispatcher.watch_local(self) if may_be_local else dispatcher.watch(self)
 
 
 class Dispatcher:
@@ -77,17 +85,19 @@ class Dispatcher:
         self._waitset.attach(listener.entity, key)
         return key
 
-    def watch_local(self, listener: ReaderListener) -> None:
-        """Wake the waiting thread for a reader only once writers of others match it.
+    def watch_local(self, listener: ReaderListener) -> int:
+        """Add a reader that wakes the waiting thread only once writers of others match it.
 
         Until then only this middleware's own writers match it, and :meth:`written` reports their
-        samples.
+        samples. What wakes the thread is settled before it waits for the reader: it would report
+        a match as samples.
         """
         cyclone.wake_on(listener.entity, cyclone.STATUS_SUBSCRIPTION_MATCHED)
-        listener.local_only = True
         self._has_remote_samples(listener)
+        key = self.watch(listener)
         if cyclone.has_changed(listener.entity, cyclone.STATUS_DATA_AVAILABLE):
             self.written([listener])  # the history of our transient-local writers
+        return key
 
     def _has_remote_samples(self, listener: ReaderListener) -> bool:
         """Return whether a local reader has samples of others.

@@ -184,7 +184,6 @@ class DdsReader(TopicReader, Reader):
         node.register(self)
         local_readers = context.readers.acquire((participant.domain, topic))
         local_readers.append(self)
-        dispatcher.watch_local(self)
 
         def close() -> None:
             local_readers.remove(self)
