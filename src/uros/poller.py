@@ -294,6 +294,10 @@ class BusyPoll:
     host, such as a virtual board and its controller, that would be paid in each round. It polls
     only while boards answer at once, so publishers and an idle agent cost nothing more.
 
+    Attributes:
+        expects: Whether the next :meth:`poll` is to poll without sleeping; without it that is the
+            same as ``poll``.
+
     Args:
         poll: Waits like :meth:`Poller.poll`.
         monotonic: The clock, in seconds.
@@ -306,7 +310,7 @@ class BusyPoll:
     ) -> None:
         self._poll = poll
         self._monotonic = monotonic
-        self._expects = False
+        self.expects = False
         self._credit = 0
         self._pause = 0
 
@@ -315,7 +319,7 @@ class BusyPoll:
         if self._pause:
             self._pause -= 1
         else:
-            self._expects = True
+            self.expects = True
 
     def poll(self, timeout: float | None) -> list[Callable[[], None]]:
         """Wait until a descriptor is ready, and return what to call.
@@ -323,8 +327,8 @@ class BusyPoll:
         Args:
             timeout: In seconds, as for :meth:`Poller.poll`.
         """
-        if self._expects:
-            self._expects = False
+        if self.expects:
+            self.expects = False
             if timeout is None or timeout > BUSY_WINDOW:
                 until = self._monotonic() + BUSY_WINDOW
                 while not (ready := self._poll(0)):

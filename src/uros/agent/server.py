@@ -20,6 +20,7 @@ from ..middleware.base import MiddlewareError
 from ..middleware.wakeup_fd import WakeupFd
 from ..ticks import ticks_diff
 from .agent import Agent
+from .deadline_timer import DeadlineTimer
 from .objects.client import ProxyClient
 from .observability.message_hooks import CLIENT
 from .policy.time_budget import PAUSE
@@ -78,7 +79,9 @@ class Server:
         agent.middleware.batching = True
         self._engines = agent.middleware.engines
         self._poller = poller.create()
-        self._busy_poll = poller.BusyPoll(self._poller.poll, self._monotonic)
+        self._poll = self._poller.poll
+        self._busy_poll = poller.BusyPoll(self._poll, self._monotonic)
+        self._timer = DeadlineTimer(self._monotonic)
         self._wake = WakeupFd()
         self._stopping = False
         self._calls: list[tuple[float, int, Callable[[], None]]] = []
@@ -185,6 +188,8 @@ class Server:
         middleware = self.agent.middleware
         try:
             self.watch(self._wake.fileno(), self._woken)
+            if self._timer.fd >= 0:
+                self.watch(self._timer.fd, self._timer.clear)
             self.agent.start(self.wake_at, self.transports)
             for transport in self.transports:
                 transport.open(self)
@@ -203,7 +208,7 @@ class Server:
             ends = [attachment.close for attachment in self.attachments]
             ends += [self.agent.close, self.agent.close_queue.finish, self._attend]
             ends += [transport.close for transport in self.transports]
-            ends += [middleware.close, self._poller.close, self._wake.close]
+            ends += [middleware.close, self._poller.close, self._wake.close, self._timer.close]
             for end in ends:
                 self._try(end)  # a failure must not keep the others open
                 self.turns += 1
@@ -265,12 +270,14 @@ class Server:
 
     def _turn(self) -> None:
         """Wait for events and timers, and handle them."""
-        agent, deadline = self.agent, self._deadline()
+        agent, timer, busy_poll, deadline = (
+            self.agent, self._timer, self._busy_poll, self._deadline()
+        )  # fmt: skip
         timeout = None
-        if deadline is not None and (timeout := deadline - self._monotonic()) < 0:
-            timeout = 0.0
+        if deadline is not None and deadline < timer.at:
+            timeout = timer.wait_until(deadline)
         self.asleep = True
-        ready = self._busy_poll.poll(timeout)
+        ready = busy_poll.poll(timeout) if busy_poll.expects else self._poll(timeout)
         self.asleep = False
         self.turns += 1
         if agent.close_queue.spent:
@@ -280,8 +287,10 @@ class Server:
                 call()
             except Exception as error:  # the other boards must be served
                 self.agent.failed(error)
-        if deadline is not None and (now := self._monotonic()) >= deadline:
-            self._due(now)
+        # A timer that is still set to it or to an earlier time would have been ready.
+        if deadline is not None and timer.at > deadline:
+            if (now := self._monotonic()) >= deadline:
+                self._due(now)
         for engine in self._engines:
             try:
                 try:

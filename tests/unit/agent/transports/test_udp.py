@@ -35,6 +35,7 @@ from unit.agent.helpers import (
     whole,
     write_data,
 )
+from unit.agent.transports.bare_host import BareHost
 from unit.agent.transports.faults import TYPE
 
 from uros.agent.transports.base import TransportError
@@ -368,3 +369,29 @@ def test_sending_where_nothing_can_be_sent(agent):
     for peer in (("127.0.0.1", 0), ("255.255.255.255", 9), ("192.0.2.1", 9)):
         agent.transport.send(peer, b"x")
     agent.transport.send(("127.0.0.1", 9), bytes(70_000))
+
+
+def test_a_burst_after_single_messages_takes_few_turns():
+    """After many bursts of one message, the socket is not asked for a second one each time."""
+    host, server = BareHost(), UdpServer(0, "127.0.0.1")
+    server.open(host)
+
+    def turns_for(count):
+        for number in range(count):
+            sender.send(b"message %d" % number)
+        turns, whole = 0, len(host.messages) + count
+        while len(host.messages) < whole:
+            host.turn(10.0)
+            turns += 1
+        return turns
+
+    with socket.socket(type=socket.SOCK_DGRAM) as sender:
+        sender.connect(("127.0.0.1", server.port))
+        assert [turns_for(1) for _ in range(30)] == [1] * 30
+        assert 1 <= turns_for(40) <= 4
+        assert turns_for(40) == 1
+        assert [turns_for(1) for _ in range(3)] == [1] * 3
+        assert turns_for(40) == 1
+    assert (server.messages, server.bytes) == (153, sum(len(text) for _, text in host.messages))
+    server.close()
+    host.close()
