@@ -8,12 +8,14 @@ On Linux it is ``select.epoll`` itself: the agent waits once or twice for each m
 from __future__ import annotations
 
 import array
+import math
+import os
 import select
 import selectors
 import socket
 import threading
 from collections.abc import Callable
-from typing import Final, Protocol
+from typing import Any, Final, Protocol
 
 try:
     import fcntl
@@ -33,6 +35,9 @@ _MOST_CREDIT: Final = 8
 _LATE: Final = 4
 # How many samples are not polled for after the credit is used up.
 BUSY_PAUSE: Final = 256
+_CLOCK_MONOTONIC: Final = 1
+# The most seconds that a DeadlineTimer is set to: it looks at a farther deadline again then.
+_FARTHEST: Final = 86_400.0
 
 
 def has_input(fileno: int) -> bool:
@@ -344,6 +349,71 @@ class BusyPoll:
             self._credit = 0
             self._pause = BUSY_PAUSE
         return self._poll(timeout if timeout is None else timeout - BUSY_WINDOW)
+
+
+class DeadlineTimer:
+    """A descriptor that is readable from a deadline on, where the system has timerfds.
+
+    A poll with a timeout has the kernel set a timer and take it back, a twentieth of what a turn
+    with one message takes. A deadline stays the same for many turns: a timerfd is set to it once.
+
+    Attributes:
+        fd: The descriptor; -1 without one.
+        at: The deadline that it is set to, in seconds of the clock; infinity: none.
+
+    Args:
+        monotonic: The clock.
+    """
+
+    def __init__(self, monotonic: Callable[[], float]) -> None:
+        self.at = math.inf
+        self._monotonic = monotonic
+        self.fd, self._set = _timerfd()
+
+    def wait_until(self, deadline: float) -> float | None:
+        """Set the timer; return the timeout for the next poll, None where the timer ends it."""
+        left = deadline - self._monotonic()
+        if left <= 0:
+            return 0.0
+        if self.fd < 0 or not self._set(min(left, _FARTHEST)):
+            return left
+        self.at = deadline
+        return None
+
+    def clear(self) -> None:
+        """Make the descriptor unreadable until the next deadline."""
+        try:
+            os.read(self.fd, 8)
+        except BlockingIOError:
+            pass
+        self.at = math.inf
+
+    def close(self) -> None:
+        """Close the descriptor; idempotent."""
+        if self.fd >= 0:
+            os.close(self.fd)
+            self.fd = -1
+
+
+def _timerfd() -> tuple[int, Callable[[float], bool]]:
+    """Return a timerfd, -1 where there is none, and what sets it to so many seconds from now."""
+    try:
+        import ctypes
+
+        library: Any = ctypes.CDLL(None)
+        create, settime = library.timerfd_create, library.timerfd_settime
+    except (ImportError, OSError, AttributeError, TypeError):  # macOS, Windows
+        return -1, lambda seconds: False
+    fd = create(_CLOCK_MONOTONIC, os.O_NONBLOCK | os.O_CLOEXEC)
+    when = (ctypes.c_long * 4)()  # period and first time, each in seconds and nanoseconds
+
+    def set_to(seconds: float) -> bool:
+        whole = int(seconds)
+        when[2] = whole
+        when[3] = max(1, int((seconds - whole) * 1e9))  # 0 and 0 would stop it
+        return bool(settime(fd, 0, when, None) == 0)
+
+    return fd, set_to
 
 
 def create() -> Poller:

@@ -426,7 +426,7 @@ def test_an_agent_loads_what_its_options_ask_for_and_no_more() -> None:
         "import sys\n"
         "from uros.tools import cli\n"
         "cli.main(['agent', 'udp4', '-p', '0', '-m', 'memory', '-v', '0', '--stop-at-eof'])\n"
-        "more = {'ssl', 'prometheus_client', 'http.server', 'asyncio', 'ctypes', 'numpy', 'yaml'}\n"
+        "more = {'ssl', 'prometheus_client', 'http.server', 'asyncio', 'numpy', 'yaml'}\n"
         f"more |= {{'uros.agent.' + name for name in {LATE!r}}}\n"
         "print('MORE', sorted(more & set(sys.modules)))\n"
     )

@@ -382,7 +382,7 @@ class Agent:
             # The client exists already: its streams are reset, its objects stay.
             client.session.mtu = mtu
             client.session.heard = self.now()
-            client.session.reset()
+            client.begin_anew(self.now())
             client.refused.clear()
             self.attend(client.session)
             self.log.info("Root", "create_client", "session re-established", about)

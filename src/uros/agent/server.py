@@ -20,7 +20,6 @@ from ..middleware.base import MiddlewareError
 from ..middleware.wakeup_fd import WakeupFd
 from ..ticks import ticks_diff
 from .agent import Agent
-from .deadline_timer import DeadlineTimer
 from .objects.client import ProxyClient
 from .observability.message_hooks import CLIENT
 from .policy.time_budget import PAUSE
@@ -81,7 +80,7 @@ class Server:
         self._poller = poller.create()
         self._poll = self._poller.poll
         self._busy_poll = poller.BusyPoll(self._poll, self._monotonic)
-        self._timer = DeadlineTimer(self._monotonic)
+        self._timer = poller.DeadlineTimer(self._monotonic)
         self._wake = WakeupFd()
         self._stopping = False
         self._calls: list[tuple[float, int, Callable[[], None]]] = []

@@ -23,6 +23,7 @@ from unit.agent.helpers import (
 )
 
 from uros.agent import agent as module
+from uros.agent.objects.client import HOLD_MS
 from uros.wire import ids, session
 from uros.wire.cdr import Reader
 
@@ -167,7 +168,28 @@ def test_a_delivery_goes_on_when_its_client_comes_again(desk):
     second.expected.clear()
     second.polite = True
     second.take(desk.hear(create_client(0x22), 2))
+    second.wait(HOLD_MS - 1)
+    assert second.samples() == []
+    second.wait(1)
     assert second.samples() == [bytes([i]) for i in range(16, 30)]
+
+
+def test_a_board_that_was_reset_gets_samples_once_it_asks_for_them(desk):
+    """They would be lost: it has no subscription yet."""
+    first, second = Board(desk, 1, 0x11), Board(desk, 2, 0x22)
+    first.ask(*publisher_entities())
+    second.ask(*subscriber_entities())
+    second.send(read_data(READER))
+    second = Board(desk, 2, 0x22)
+    first.send(write_data(helpers.WRITER, b"x"))
+    first.settle()
+    assert second.samples() == []
+    second.send(read_data(READER, request=77))
+    assert second.payloads(ids.DATA) == [bytes((0, 77)) + READER.to_bytes(2, "big") + b"x"]
+    second.wait(HOLD_MS)
+    first.send(write_data(helpers.WRITER, b"y"))
+    first.settle()
+    assert second.samples() == [b"y"]
 
 
 def test_another_session_id_is_another_client(desk):

@@ -27,7 +27,7 @@ from functools import partial
 from typing import Final
 
 from ...middleware.base import MiddlewareError
-from ...ticks import ticks_diff
+from ...ticks import ticks_add, ticks_diff
 from ...wire import data, entities, ids
 from ...wire import session as messages
 from ...wire.cdr import Reader
@@ -59,6 +59,8 @@ from .xml_profiles import ProfileError
 # a client may ask for any number of objects with names of any length.
 _MAX_REFUSED: Final = 16
 _MAX_WHY: Final = 200
+# Milliseconds for which samples wait for a client that has created its session again.
+HOLD_MS: Final = 2000
 
 
 class ProxyClient:
@@ -133,6 +135,19 @@ class ProxyClient:
         for obj in self.objects.values():
             if obj.delivery is not None and obj.delivery.stream_id == stream:
                 self._pump(obj, now)
+
+    def begin_anew(self, now: int) -> None:
+        """Reset the streams for a client that has created its session again; its objects stay.
+
+        A board that was reset knows no objects yet, and would drop samples: they wait until it
+        asks for them again. One that only lost its session may never ask, and gets them after
+        :data:`HOLD_MS`.
+        """
+        for obj in self.objects.values():
+            if obj.delivery is not None:
+                obj.delivery.hold(ticks_add(now, HOLD_MS))
+                self._paced.add(obj)
+        self.session.reset()
 
     def fault(self, event: str, about: str) -> None:
         """Log that the client broke the protocol, within the rate limit for faults."""

@@ -78,6 +78,10 @@ class Delivery:
         """Samples that are still to be sent; None: no limit."""
         return self._remaining
 
+    def hold(self, until: int) -> None:
+        """Send nothing before a time; samples wait in the reader."""
+        self._next = until
+
     def next_deadline(self) -> int | None:
         """Return when :meth:`pump` can continue by time alone, or None."""
         return self._next

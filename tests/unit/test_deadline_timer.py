@@ -6,11 +6,11 @@ import time
 
 import pytest
 
-from uros.agent import deadline_timer
+from uros import poller
 from uros.agent.agent import Agent
-from uros.agent.deadline_timer import DeadlineTimer
 from uros.agent.server import Server
 from uros.middleware.memory import MemoryMiddleware
+from uros.poller import DeadlineTimer
 
 SECONDS = 10.0
 
@@ -85,7 +85,7 @@ def test_a_timer_that_cannot_be_set_leaves_a_timeout(timer):
 def test_a_server_makes_its_calls_in_time_and_in_order(has_timerfd, monkeypatch):
     """Deadlines that come nearer, move away, have passed, and follow each other."""
     if not has_timerfd:
-        monkeypatch.setattr(deadline_timer, "_create", lambda: (-1, lambda seconds: False))
+        monkeypatch.setattr(poller, "_timerfd", lambda: (-1, lambda seconds: False))
     agent = Agent(MemoryMiddleware())
     agent.liveliness.check = lambda: 3600.0
     server = Server(agent, [])
