@@ -6,7 +6,6 @@ of its input.
 
 import sys
 import threading
-import time
 
 import rclpy
 from geometry_msgs.msg import TwistStamped
@@ -74,10 +73,6 @@ def complex_node(name):
     """A node with one endpoint of each kind; all its names are below its own one."""
 
     def execute(goal):
-        # Its client has subscribed, but this node may not have discovered that yet.
-        deadline = time.monotonic() + 10
-        while not node.count_subscribers(feedback) and time.monotonic() < deadline:
-            time.sleep(0.01)
         sequence = [0, 1]
         while len(sequence) <= goal.request.order:
             sequence.append(sequence[-1] + sequence[-2])
@@ -86,7 +81,6 @@ def complex_node(name):
         return Fibonacci.Result(sequence=sequence)
 
     node = rclpy.create_node(name)
-    feedback = f"/{name}/fibonacci/_action/feedback"
     node.arrays = node.create_publisher(Arrays, "~/arrays", 10)
     node.strings = node.create_subscription(Strings, "~/strings", lambda message: None, 10)
     node.basic = node.create_service(BasicTypes, "~/basic", echo)

@@ -23,6 +23,8 @@ _DISCOVERY: Final = 1.5
 # Seconds for the answer to a request to cancel.
 _PATIENCE: Final = 5.0
 _FEEDBACK_DEPTH: Final = 10
+# Seconds for which feedback may come behind the result.
+_LATE: Final = 0.05
 
 
 def service_of(action: str, name: str) -> str:
@@ -161,7 +163,12 @@ class Goal:
         request = self._kind.Impl.GetResultService.Request()
         request.goal_id.uuid = self.id
         number = self._result.request(request)
-        return self._answer(self._result, number, seconds, "has not ended the goal, which goes on")
+        late = "has not ended the goal, which goes on"
+        response = self._answer(self._result, number, seconds, late)
+        if self._on_feedback is not None:
+            # It was sent before the result, but over a topic, which another thread may receive.
+            self._network.spin(lambda: False, _LATE)
+        return response
 
     def cancel(self) -> Any:
         """Ask the server to cancel the goal; return its response.

@@ -1,12 +1,18 @@
 import argparse
 import json
+from types import SimpleNamespace
+from unittest.mock import Mock
 
 import pytest
 
+from uros.interfaces import codec, load
 from uros.tools import cli
 from uros.tools.action import echo
+from uros.tools.action import goal as goal_module
+from uros.tools.action.goal import Goal
 
 FIBONACCI = "test_msgs/action/Fibonacci"
+KIND = load(FIBONACCI)
 GOAL = ["send_goal", "/x", FIBONACCI]
 
 
@@ -74,3 +80,34 @@ def test_the_interfaces_that_echo_prints(options, chosen, folders):
     echo.add_arguments(parser)
     args = parser.parse_args(["/x", *options])
     assert echo._chosen(args) == chosen and args.interfaces == folders
+
+
+class LateNetwork:
+    """A network on which feedback is received behind the result."""
+
+    def __init__(self):
+        self.graph = SimpleNamespace(servers=lambda name: [])
+        self.received = None
+
+    def listen(self, topic, type_name, qos, received):
+        self.received = received
+
+    def spin(self, done, seconds):
+        assert not done() and seconds < 1
+        message = KIND.Impl.FeedbackMessage()
+        message.goal_id.uuid = self.goal.id
+        message.feedback.sequence = [0, 1, 1]
+        self.received(SimpleNamespace(cdr=codec.to_cdr(message)))
+        return False
+
+
+def test_feedback_behind_the_result_is_passed_on(monkeypatch):
+    """Another thread may receive it than the one that receives the result."""
+    monkeypatch.setattr(goal_module, "ServiceClient", lambda *_: Mock())
+    monkeypatch.setattr(Goal, "_answer", lambda *_: "the response")
+    network, feedback = LateNetwork(), []
+    network.goal = Goal(network, "/fibonacci", KIND, feedback.append)
+    assert network.goal.result(None) == "the response"
+    assert [list(message.sequence) for message in feedback] == [[0, 1, 1]]
+    network.spin = None  # without a listener nothing is waited for
+    assert Goal(network, "/fibonacci", KIND).result(None) == "the response"
