@@ -124,14 +124,16 @@ def test_samples_that_wait_beyond_their_lifespan_are_not_taken(pair, remote):
     reader = pair.nodes[1].create_reader("rt/a", TYPE, QoSProfile(), lambda: taken.append(1))
     node = pair.nodes[0 if remote else 1]
     lasting = node.create_writer("rt/a", TYPE, QoSProfile(lifespan_ms=3_600_000))
-    short = node.create_writer("rt/a", TYPE, QoSProfile(lifespan_ms=20))
+    # Longer than the first exchange with a reader takes, for which a writer's samples wait.
+    short = node.create_writer("rt/a", TYPE, QoSProfile(lifespan_ms=500))
     pair.until(lambda: lasting.matched() and short.matched())
+    pair.until(lambda: len(reader.local.state.writers) == (2 if remote else 0))
     for writer in (short, lasting):
         assert writer.write(cdr(256))
         pair.until(lambda: taken)
         taken.clear()
         reader.is_announced = False
-    over = time.monotonic() + 0.02
+    over = time.monotonic() + 0.5
     pair.until(lambda: time.monotonic() > over and len(reader.arrived(10)) == 2)
     assert reader.take(1) == [cdr(256)] and not reader.take(1)
 
