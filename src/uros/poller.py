@@ -300,8 +300,8 @@ class BusyPoll:
     only while boards answer at once, so publishers and an idle agent cost nothing more.
 
     Attributes:
-        expects: Whether the next :meth:`poll` is to poll without sleeping; without it that is the
-            same as ``poll``.
+        expects: Whether an answer is expected. If not, :meth:`poll` does nothing but call the
+            argument ``poll``.
 
     Args:
         poll: Waits like :meth:`Poller.poll`.

@@ -269,9 +269,8 @@ class Server:
 
     def _turn(self) -> None:
         """Wait for events and timers, and handle them."""
-        agent, timer, busy_poll, deadline = (
-            self.agent, self._timer, self._busy_poll, self._deadline()
-        )  # fmt: skip
+        agent, timer, busy_poll = self.agent, self._timer, self._busy_poll
+        deadline = self._deadline()
         timeout = None
         if deadline is not None and deadline < timer.at:
             timeout = timer.wait_until(deadline)
@@ -286,10 +285,9 @@ class Server:
                 call()
             except Exception as error:  # the other boards must be served
                 self.agent.failed(error)
-        # A timer that is still set to it or to an earlier time would have been ready.
-        if deadline is not None and timer.at > deadline:
-            if (now := self._monotonic()) >= deadline:
-                self._due(now)
+        # While the timer is set to the deadline or an earlier time, that has not come.
+        if deadline is not None and deadline < timer.at and (now := self._monotonic()) >= deadline:
+            self._due(now)
         for engine in self._engines:
             try:
                 try:

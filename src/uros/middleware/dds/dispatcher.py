@@ -89,8 +89,8 @@ class Dispatcher:
         """Add a reader that wakes the waiting thread only once writers of others match it.
 
         Until then only this middleware's own writers match it, and :meth:`written` reports their
-        samples. What wakes the thread is settled before it waits for the reader: it would report
-        a match as samples.
+        samples. The status mask is set before the reader is in the waitset: otherwise a match may
+        wake the thread, and is then taken for samples.
         """
         cyclone.wake_on(listener.entity, cyclone.STATUS_SUBSCRIPTION_MATCHED)
         self._has_remote_samples(listener)

@@ -24,7 +24,7 @@ _DISCOVERY: Final = 1.5
 _PATIENCE: Final = 5.0
 _FEEDBACK_DEPTH: Final = 10
 # Seconds for which feedback may come behind the result.
-_LATE: Final = 0.05
+_LATE_FEEDBACK: Final = 0.05
 
 
 def service_of(action: str, name: str) -> str:
@@ -167,7 +167,7 @@ class Goal:
         response = self._answer(self._result, number, seconds, late)
         if self._on_feedback is not None:
             # It was sent before the result, but over a topic, which another thread may receive.
-            self._network.spin(lambda: False, _LATE)
+            self._network.spin(lambda: False, _LATE_FEEDBACK)
         return response
 
     def cancel(self) -> Any:

@@ -28,7 +28,7 @@ def take_one(middleware, received):
 
 
 def test_a_sample_between_the_match_and_its_dispatch_is_reported(own_domain_id):
-    """Cyclone notes no arrival of samples in a reader that does not wake for them yet."""
+    """It wakes nobody by itself: the reader waits for matches alone until then."""
     reading, writing = DdsMiddleware(), DdsMiddleware()
     received = []
     taking_reader(reading.create_node(own_domain_id, "/", "reading"), "rt/x", received)
