@@ -10,6 +10,7 @@ board build`; each figure is the median of three runs, each in an interpreter of
                             reliable and best-effort streams, and fragments both ways
 ``int32_kb``, ``imu_kb``    in addition, publishing and receiving std_msgs/Int32, sensor_msgs/Imu
 ``node_kb``, ``peak_kb``    ``firmware/ra6m5_sensor_node`` while it publishes, and its high water
+                            at the start and while it publishes
 ``publish_alloc_bytes``     garbage of stamping and publishing a Temperature, and of spinning
 ``imu_encode_ratio`` …      as a multiple of one call of ``struct`` for the whole record
 ``twist_publish_ratio``     publishing a Twist, as a multiple of encoding it
@@ -23,8 +24,6 @@ from __future__ import annotations
 import json
 import statistics
 import sys
-import tempfile
-import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -33,9 +32,6 @@ sys.path.insert(0, str(ROOT / "tests"))
 import board_codec  # noqa: E402
 from mpy import measures  # noqa: E402
 from mpy.harness import MicroPython  # noqa: E402
-from support.agent import running_agent  # noqa: E402
-
-from uros.boards.virtual.engine.runner import RunningBoard  # noqa: E402
 
 RUNS = 3
 RATIOS = ("imu_encode_ratio", "imu_decode_ratio", "odometry_encode_ratio", "odometry_decode_ratio")
@@ -50,34 +46,13 @@ def heap(program: str) -> int:
         return measures.heap_of_program(board, program)
 
 
-def firmware() -> tuple[int, int]:
-    """The RA6M5 node on its virtual board, with an agent: (heap in use, high water)."""
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        RunningBoard(
-            "ra6m5_sensor_node", engine="micropython", form="mpy", link=Path(folder, "tty"),
-            reads=True, measure=True,
-        ) as board,
-        running_agent("serial", "memory", device=board.path) as agent,
-    ):  # fmt: skip
-        deadline = time.monotonic() + 30
-        while agent.said.getvalue().count("datawriter created") < 7:
-            if time.monotonic() > deadline:
-                raise TimeoutError("the board did not connect in 30 s")
-            board.heap()
-        for _ in range(24):
-            board.reads.get(timeout=30)
-        used = board.heap()
-        return used.used, used.peak
-
-
 def run() -> dict[str, float]:
     core = heap(measures.CORE)
     figures: dict[str, float] = {"core_kb": core / 1000}
     for key, module, name in (("int32", "std_msgs", "Int32"), ("imu", "sensor_msgs", "Imu")):
         typed = measures.TYPED.format(module=module + ".msg", name=name)
         figures[key + "_kb"] = (heap(measures.CORE + typed) - core) / 1000
-    used, peak = firmware()
+    used, peak = measures.heap_of_the_sensor_node()
     figures["node_kb"], figures["peak_kb"] = used / 1000, peak / 1000
     with MicroPython() as board:
         measures.running(board)

@@ -1,13 +1,16 @@
 """Measures heap and speed of programs on MicroPython, for tests/mpy and bench/board.py."""
 
 import tempfile
+import time
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from statistics import median
 
 from mpy.harness import ROOT, MicroPython, tree
+from support.agent import running_agent
 
 from uros.boards.builder.file_system import build
+from uros.boards.virtual.engine.runner import RunningBoard
 
 
 def heap_of(
@@ -295,3 +298,34 @@ def twist_ratio(board: MicroPython) -> float:
         turns.append(tuple(map(int, out.split())))
     neither, publishing, encoding = (median(turn[i] for turn in turns) for i in range(3))
     return (publishing - neither) / (encoding - neither)
+
+
+def heap_of_the_sensor_node() -> tuple[int, int]:
+    """The RA6M5 node on its virtual board, with an agent: (octets in use, high water).
+
+    The high water counts the start and publishing. While the node connects, the garbage of a step
+    depends on how many answers of the agent come in it; the engine collects between steps alone.
+
+    Raises:
+        TimeoutError: The board did not connect in 30 s.
+    """
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        RunningBoard(
+            "ra6m5_sensor_node", engine="micropython", form="mpy", link=Path(folder, "tty"),
+            reads=True, measure=True,
+        ) as board,
+    ):  # fmt: skip
+        start = board.heap()
+        with running_agent("serial", "memory", device=board.path) as agent:
+            deadline = time.monotonic() + 30
+            while agent.said.getvalue().count("datawriter created") < 7:
+                if time.monotonic() > deadline:
+                    raise TimeoutError("the board did not connect in 30 s")
+                board.heap()
+            board.reads.get(timeout=30)
+            board.heap()
+            for _ in range(24):  # some seconds of samples
+                board.reads.get(timeout=30)
+            heap = board.heap()
+    return heap.used, max(start.peak, heap.peak)

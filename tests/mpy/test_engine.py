@@ -220,6 +220,7 @@ def test_garbage_is_collected_between_steps(program):
         assert 100_000 < heap.peak < 130_000
         assert board.wait_end().endswith("ValueError: enough\n")
         assert board.heap().used < 10_000  # the heap can be measured after the end
+        assert board.heap().peak < 10_000  # nothing has run since the last request
 
 
 @pytest.mark.parametrize("names", ["one, two", "(\n        one,\n        two,\n    )"])

@@ -45,7 +45,9 @@ class Heap(NamedTuple):
 
     Attributes:
         used: In use after a collection, without ``base``.
-        peak: The highest use, without ``base``; 0 unless it is measured.
+        peak: The highest use at the end of a step since the last request, without ``base``; 0
+            unless it is measured. The engine collects between two steps alone, so it includes all
+            garbage of a step.
         base: What the shims and MicroPython itself take.
     """
 

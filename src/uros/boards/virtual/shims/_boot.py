@@ -87,9 +87,11 @@ def collect() -> None:
 
 
 def report() -> None:
-    """Report the heap in use; call it right after :func:`collect`."""
+    """Report the heap in use and its high water since the last report, right after a collection."""
+    global _peak
     in_use = gc.mem_alloc()  # type: ignore[attr-defined]
     _board.call(_board.HEAP, f"{in_use} {_peak}".encode())
+    _peak = 0
 
 
 def _ended(error: BaseException) -> None:
