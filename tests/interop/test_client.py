@@ -70,7 +70,12 @@ def send(peer, topic, message):
 
 @pytest.mark.parametrize(
     ("name", "type_name"),
-    [("number", INT32), ("text", STRING), ("twist", TWIST), ("picture", IMAGE)],
+    [
+        ("number", INT32),
+        pytest.param("text", STRING, marks=pytest.mark.slow),
+        pytest.param("twist", TWIST, marks=pytest.mark.slow),
+        ("picture", IMAGE),
+    ],
 )
 def test_messages_go_to_a_board_and_come_back(boards, peer, name, type_name):
     topic = f"/{boards[0]}/{name}"

@@ -63,7 +63,7 @@ def program(folder: Path, kind: str, port: int, sleep_ms: int) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("kind", LINES)
+@pytest.mark.parametrize("kind", slow_except(LINES, "udp"))
 def test_a_board_that_sleeps_stays_one_client_and_one_node(
     engine: str, kind: str, tmp_path: Path
 ) -> None:

@@ -137,7 +137,7 @@ print(done, line.count - before[0], oom_count() - before[1], stamped())
 """
 
 
-@pytest.mark.parametrize("form", ["mpy", "py"])
+@pytest.mark.parametrize("form", slow_except(["mpy", "py"], "mpy"))
 def test_publishing_does_not_allocate(micropython: MicroPython, form: str) -> None:
     """A running node stamps, publishes and spins 200 times with the heap locked."""
     running(micropython, form)

@@ -131,8 +131,14 @@ def agent(kind):
 @pytest.mark.parametrize(
     ("kind", "engine"),
     [
-        *((kind, "micropython") for kind in TRANSPORTS),
-        pytest.param("esp8266", "cpython", marks=pytest.mark.slow),
+        ("wlan", "micropython"),
+        *(
+            pytest.param(kind, engine, marks=pytest.mark.slow)
+            for kind, engine in (
+                *((kind, "micropython") for kind in TRANSPORTS if kind != "wlan"),
+                ("esp8266", "cpython"),
+            )
+        ),
     ],
 )
 def test_a_node_connects_publishes_and_reconnects(kind, agent, engine, tmp_path):

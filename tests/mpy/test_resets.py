@@ -51,7 +51,7 @@ def engine(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> s
     return str(request.param)
 
 
-@pytest.fixture(params=HANGS)
+@pytest.fixture(params=slow_except(HANGS, "loop"))
 def board(request: pytest.FixtureRequest, engine: str, tmp_path: Path) -> Iterator[RunningBoard]:
     folder = tmp_path / "program"
     folder.mkdir()

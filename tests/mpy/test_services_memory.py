@@ -76,7 +76,7 @@ def base() -> int:
         return heap_of_program(board, BASE)
 
 
-@pytest.mark.parametrize("service", slow_except(LIMITS, "parameters"))
+@pytest.mark.parametrize("service", slow_except(LIMITS))
 def test_heap_of_a_service(micropython: MicroPython, base: int, service: str) -> None:
     program, limit = LIMITS[service]
     cost = heap_of_program(micropython, program) - base

@@ -70,7 +70,7 @@ def bare(tmp_path_factory):
     return heap_of(tmp_path_factory.mktemp("bare") / "bare", "", "port")
 
 
-@pytest.mark.parametrize("kind", slow_except(KINDS, "udp"))
+@pytest.mark.parametrize("kind", slow_except(KINDS))
 def test_heap_of_a_transport(kind, bare, tmp_path):
     imports, transport, limit = KINDS[kind]
     cost = heap_of(tmp_path, imports, transport) - bare

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 from support.signals import default_signals
+from support.variants import slow_except
 
 from uros.boards.virtual.engine import runner
 from uros.tools import cli
@@ -262,7 +263,7 @@ def test_an_agent_that_ends_ends_the_session(tmp_path):
             one.process.communicate()
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", slow_except([signal.SIGTERM, signal.SIGHUP], signal.SIGTERM))
 def test_no_folder_is_left_after_a_signal(tmp_path, program, number):
     (program / "main.py").write_text("import uros.client\n" + PRINTS)
     text = '[[board]]\nrun = "esp32_wifi_publisher"\nfirmware = "hello"\nnamespace = "/left"\n'

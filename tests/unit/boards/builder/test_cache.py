@@ -9,6 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from support.examples import examples
+from support.variants import slow_except
 
 from uros import interfaces
 from uros.boards.builder import cache, file_system
@@ -226,7 +227,7 @@ def test_the_builds_that_were_used_last_are_kept(folder, monkeypatch):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("form", ["py", "mpy"])
+@pytest.mark.parametrize("form", slow_except(["py", "mpy"], "mpy"))
 def test_a_virtual_board_starts_with_the_files_of_the_build_before(program, folder, form):
     """The second board runs what the archive has, and so says what was put into it."""
     with RunningBoard(program, "esp32_publisher", form=form, engine="micropython") as board:

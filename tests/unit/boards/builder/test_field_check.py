@@ -205,7 +205,7 @@ PROGRAMS = sorted(file.parent for file in (CLONE / "firmware").glob("*/main.py")
 
 
 @pytest.mark.parametrize(
-    "program", slow_except(PROGRAMS, *PROGRAMS[::5]), ids=lambda folder: folder.name
+    "program", slow_except(PROGRAMS, *PROGRAMS[::10]), ids=lambda folder: folder.name
 )
 def test_the_firmware_programs_have_no_field_faults(tmp_path, program):
     build(program, tmp_path / "out")

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from support.variants import slow_except
 
 from uros import moved
 from uros.boards.builder import pipeline, resolver
@@ -1526,7 +1527,7 @@ def test_each_form_of_an_old_import_is_refused_with_the_new_name(
         ("TYPE_CHECKING = False\nif TYPE_CHECKING:\n    from uros.qos import Nothing", None),
     ],
 )
-@pytest.mark.parametrize("form", ["py", "mpy"])
+@pytest.mark.parametrize("form", slow_except(["py", "mpy"], "mpy"))
 def test_a_name_that_a_module_lacks_is_refused(
     program: Make, tmp_path: Path, main: str, message: str | None, form: str
 ) -> None:

@@ -41,6 +41,7 @@ def test_a_project_has_its_files_and_its_test_passes(tmp_path, monkeypatch, caps
     assert done.returncode == 0 and "1 passed" in done.stdout, done.stdout + done.stderr
 
 
+@pytest.mark.slow
 def test_the_test_of_a_project_fails_if_its_program_does_nothing(tmp_path):
     folder = tmp_path / "idle"
     write(folder)

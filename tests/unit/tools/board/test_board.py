@@ -12,6 +12,7 @@ import time
 import pytest
 from support.paths import ROOT
 from support.signals import default_signals
+from support.variants import slow_except
 
 from uros.boards.virtual.engine import micropython
 from uros.boards.virtual.models.catalog import BOARDS
@@ -248,7 +249,10 @@ def test_a_board_with_its_agent(run, own_domain_id):
 
 
 @pytest.mark.skipif(not os.path.exists("/proc"), reason="not on this platform: needs /proc")
-@pytest.mark.parametrize("moment", ["", "USB line", "USB configured", "server stopped"])
+@pytest.mark.parametrize(
+    "moment",
+    slow_except(["", "USB line", "USB configured", "server stopped"], "", "server stopped"),
+)
 def test_ctrl_c_pressed_twice_leaves_nothing_behind(run, own_domain_id, tmp_path, moment):
     """At the start, while the board or the agent starts, and while they end."""
     mark = str(tmp_path)

@@ -56,7 +56,7 @@ def test_help_is_cheap():
     assert text[0].startswith("usage: uros board build") and heavy == "set()"
 
 
-@pytest.mark.parametrize("name", slow_except(BOARDS, "esp32_publisher", "sprturtlebot"))
+@pytest.mark.parametrize("name", slow_except(BOARDS, "esp32_publisher"))
 def test_a_program_by_the_name_of_its_board(name, tmp_path, capsys):
     out = tmp_path / "deep" / "out"
     assert cli.main(["board", "build", name, str(out)]) == 0
