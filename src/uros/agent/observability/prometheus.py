@@ -20,6 +20,7 @@ from ... import __version__
 from ...http_server import Handler, HttpServer
 from ...printable import printable
 from ..log import unexpected
+from ..policy.admission import RULES
 from ..transports.base import ERROR, INFO, TransportError
 from ..transports.ip import address_trouble, bind_trouble, text_of
 from .readiness import Readiness, readiness
@@ -54,17 +55,6 @@ _NOT_INSTALLED: Final = (
     " prometheus_client"
 )
 
-# The values of kind and rule. All are exported from the start, as 0: rate() and increase() see no
-# change in the first sample of a series, which would be the first refusal.
-_REFUSALS: Final = (
-    *(("board", rule) for rule in (
-        "allow_key", "allow_net", "key_in_use", "max_clients", "max_memory", "protocol",
-    )),
-    *(("connection", rule) for rule in ("allow_net", "connections", "tls")),
-    *(("request", rule) for rule in (
-        "denied", "resources", "invalid_data", "unknown_reference", "already_exists", "dds_error",
-    )),
-)  # fmt: skip
 # (name, description, counter or gauge, path in the client's part of the snapshot)
 _CLIENT: Final = (
     ("received_messages", "Messages from the board", True, ("received", "messages")),
@@ -120,7 +110,8 @@ def families(snapshot: dict[str, Any]) -> Iterator[Metric]:
         "uros_refusals", "Boards, requests and connections that were refused",
         labels=["kind", "rule"],
     )  # fmt: skip
-    counts = dict.fromkeys(_REFUSALS, 0)
+    # All from the start, as 0: rate() and increase() see no change in the first sample of a series.
+    counts = {(kind, rule): 0 for kind, rules in RULES.items() for rule in rules}
     counts.update({(each["kind"], each["rule"]): each["times"] for each in snapshot["refusals"]})
     for kind_and_rule, times in counts.items():
         refusals.add_metric(kind_and_rule, times)

@@ -213,6 +213,14 @@ _RULES: Final = (
     (KEY_IN_USE, "key_in_use"), (KEY_NOT_ALLOWED, "allow_key"), (ADDRESS_NOT_ALLOWED, "allow_net"),
     ("over ", "max_clients"), ("memory", "max_memory"), ("", "protocol"),
 )  # fmt: skip
+# All rules, by the kind of what they refuse. Those of requests are the status names of DDS-XRCE.
+RULES: Final = {
+    "board": tuple(rule for _start, rule in _RULES),
+    "connection": ("allow_net", "connections", "tls"),
+    "request": (
+        "denied", "resources", "invalid_data", "unknown_reference", "already_exists", "dds_error",
+    ),
+}  # fmt: skip
 
 
 def rule_of(why: str) -> str:
