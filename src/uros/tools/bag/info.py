@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import struct
-import sys
 from collections import defaultdict
 from collections.abc import Iterable
 from datetime import datetime
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from ...printable import printable
 from ..listing import add_json, print_json
+from ..waiting import warn
 from .arguments import add_bag
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
     if not args.verbose and Path(args.bag_path).is_dir():
         warn_of_damage(reader)
     if args.topic_name and args.verbose:
-        print("uros bag info: -t has no effect beside -v", file=sys.stderr)
+        warn("-t has no effect beside -v")
     if args.topic_name and not args.verbose:
         rows = sorted_rows(topic_rows(reader.metadata), args.sort)
         if args.json:
@@ -124,7 +124,7 @@ def warn_of_damage(reader: BagReader) -> None:
         try:
             open_reader(path, reader.metadata.storage).close()
         except BagError as error:
-            print(f"uros bag info: {printable(' '.join(str(error).split()))}", file=sys.stderr)
+            warn(" ".join(str(error).split()))
 
 
 def contents(reader: BagReader, args: argparse.Namespace) -> Contents | None:

@@ -220,7 +220,8 @@ class _Session:
         self._end_ns = max((reader.metadata.end_time_ns for reader in readers), default=0)
         if self._start_ns > self._end_ns:
             lasts = (self._end_ns - self._start_ns) / 1e9 + args.start_offset
-            self._console.warn(f"--start-offset {args.start_offset:g}: the bag ends at {lasts:.1f}")
+            text = f"--start-offset {args.start_offset:g}: the bag ends at {lasts:.1f} s"
+            self._console.warn(text)
         self._has_clock = bool(args.clock or args.clock_topics or args.clock_topics_all)
         overrides = read_overrides(args.qos_profile_overrides_path)
         self._outputs = self._create_outputs(remaps, overrides)

@@ -265,7 +265,7 @@ def test_an_offset_behind_the_end_is_told(run, network, tmp_path):
     bag = write(tmp_path / "bag", ["/x"], [0, 2500])
     status, out, err = run(bag, "--start-offset", "100")
     assert status == 0 and "Played 0 messages" in out
-    assert "--start-offset 100: the bag ends at 2.5\n" in err
+    assert "--start-offset 100: the bag ends at 2.5 s\n" in err
 
 
 def test_without_a_bag(run, tmp_path):
