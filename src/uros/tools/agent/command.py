@@ -176,10 +176,8 @@ def run(args: argparse.Namespace) -> int:
     try:
         config = read_config(_common(parts).config)
         options = _common(parts, config)
-        served = [part for part in parts if part.transport is not None]
-        if config is not None and not served:
-            served = config.transports
-        if not served:
+        given = [part for part in parts if part.transport is not None]
+        if not given and (config is None or not config.transports):
             args.usage_error(
                 f"name a transport ({', '.join(TRANSPORTS)}), such as: uros agent udp4 --port 8888"
             )
@@ -188,9 +186,9 @@ def run(args: argparse.Namespace) -> int:
         def read() -> Settings:
             """Read all files again, for a reload."""
             config = read_config(options.config)
-            return make_settings(_common(parts, config), config)
+            return make_settings(_common(parts, config), config, given)
 
-        return _serve(make_settings(options, config), served, read)
+        return _serve(make_settings(options, config, given), read)
     except TransportError as error:
         from .port_in_use import name_holder
 
@@ -259,9 +257,7 @@ def _common(parts: list[argparse.Namespace], config: Config | None = None) -> ar
     return argparse.Namespace(**{**_DEFAULTS, **configured, **vars(given)})
 
 
-def _serve(
-    settings: Settings, parts: list[argparse.Namespace], read: Callable[[], Settings]
-) -> int:
+def _serve(settings: Settings, read: Callable[[], Settings]) -> int:
     from ...agent.agent import Agent
     from ...agent.log import INFO, WARNING, Log
     from ...agent.objects.xml_profiles import References
@@ -273,7 +269,7 @@ def _serve(
     references = References()
     for file in options.refs:
         references.load(file)
-    transports = [transport for part in parts for transport in make(part)]
+    transports = [transport for part in settings.transports for transport in make(part)]
     if options.discovery is not None:
         transports.append(make_discovery(options.discovery, transports))
     domain_of_agent = _domain_of_agent()

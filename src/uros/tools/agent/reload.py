@@ -32,26 +32,35 @@ class Settings(NamedTuple):
 
     Attributes:
         options: The options of file and command line.
-        config: The configuration file; None without one.
+        transports: The options of each transport: those on the command line, else of the file.
         rules: The rules of all files and of the command line.
         admission: The admission of all files and of the command line.
     """
 
     options: argparse.Namespace
-    config: Config | None
+    transports: list[argparse.Namespace]
     rules: Rules
     admission: Admission
 
 
-def make_settings(options: argparse.Namespace, config: Config | None) -> Settings:
+def make_settings(
+    options: argparse.Namespace, config: Config | None, given: list[argparse.Namespace]
+) -> Settings:
     """Read the files that the options name, and make the rules.
+
+    Args:
+        options: The options of file and command line.
+        config: The configuration file; None without one.
+        given: The options of each transport on the command line.
 
     Raises:
         ConfigError: A file or a rule is wrong.
         ToolError: An option is malformed.
     """
     client_rules = rules.make_rules(options, config)
-    return Settings(options, config, client_rules, admission.make_admission(options, client_rules))
+    transports = given or (config.transports if config is not None else [])
+    client_admission = admission.make_admission(options, client_rules)
+    return Settings(options, transports, client_rules, client_admission)
 
 
 class Reloader:
@@ -145,9 +154,8 @@ def _restart_needed(started: Settings, read: Settings) -> list[str]:
     """Return what differs from what the agent was started with and needs a restart."""
     old, new = vars(started.options), vars(read.options)
     changed = [name for name in new if name not in _RELOADED and old[name] != new[name]]
-    if started.config is not None and read.config is not None:
-        if started.config.transports != read.config.transports:
-            changed.append("transports")
+    if started.transports != read.transports:
+        changed.append("transports")
     return changed
 
 

@@ -249,3 +249,15 @@ def test_an_agent_whose_terminal_is_closed_ends_and_a_signal_before_reloads(tmp_
         process.kill()
         process.wait()
         process.stdout.close()
+
+
+def test_a_file_whose_transports_the_command_line_replaces_needs_no_restart(tmp_path):
+    config = tmp_path / "agent.toml"
+    text = '[[transport]]\ntype = "udp4"\nport = 0\n'
+    config.write_text(text)
+    with agent("udp4", "-p", 0, "-m", "memory", "--config", config) as process:
+        process.until(r"UDPv4Agent +\| init .*port: (\d+)")
+        config.write_text(text.replace("port = 0", "port = 7") + "[limits]\nmax_memory = 16\n")
+        about = reloaded(process, "restart needed")
+        assert about == "changed, and used from the next start on: max_memory"
+        assert process.end() == 0
