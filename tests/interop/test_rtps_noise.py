@@ -22,6 +22,7 @@ def beside(scenario, seconds, *arguments, best_effort=1.0):
     return figures["noise"]
 
 
+@pytest.mark.slow
 def test_a_crowd_that_comes_and_goes():
     """60 participants with 3,000 endpoints, all of which agent and reader acknowledge."""
     assert beside("crowd", 5)["times"]

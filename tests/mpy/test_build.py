@@ -166,9 +166,7 @@ def test_a_program_does_the_same(
     assert len(expected.splitlines()) == 8
 
 
-@pytest.mark.parametrize(
-    "name", slow_except([step.name for step in PASSES], "bundle", "inline-methods")
-)
+@pytest.mark.parametrize("name", slow_except([step.name for step in PASSES], "bundle"))
 def test_the_client_starts_without_a_pass(
     micropython: MicroPython, tmp_path: Path, name: str
 ) -> None:

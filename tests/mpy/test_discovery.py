@@ -195,6 +195,7 @@ assert socket.created[-1].closed == 1
 """)
 
 
+@pytest.mark.slow
 def test_discovery_works_in_a_bytecode_build(tmp_path: Path) -> None:
     """Discovery and a node find the agent in a default ``--mpy`` build."""
     program = (

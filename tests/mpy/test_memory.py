@@ -53,8 +53,9 @@ def test_heap_of_the_client(micropython: MicroPython, program: str, form: str) -
     assert cost <= CORE_LIMITS[program, form]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("module", "name", "limit"), [
-    pytest.param("std_msgs.msg", "Int32", 700, marks=pytest.mark.slow),
+    ("std_msgs.msg", "Int32", 700),
     ("sensor_msgs.msg", "Imu", 2_500),
 ])  # fmt: skip
 def test_heap_of_a_type(module: str, name: str, limit: int) -> None:

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 from mpy.repl import ReplBoard
-from support.variants import slow_except
 
 from uros.boards.builder.file_system import build
 from uros.boards.deploy.mip import write_index, write_manifest
@@ -30,7 +29,8 @@ def mpremote() -> Iterator[Mpremote]:
         yield run
 
 
-@pytest.mark.parametrize("form", slow_except(["py", "mpy"], "mpy"))
+@pytest.mark.slow
+@pytest.mark.parametrize("form", ["py", "mpy"])
 def test_packages_of_an_index(form: str, tmp_path: Path, mpremote: Mpremote) -> None:
     write_index(tmp_path, [form], ["std_msgs/msg/Int32"])
     install = ["mip", "install", "--index", tmp_path, "--target", "/flash/lib"]

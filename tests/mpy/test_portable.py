@@ -1,6 +1,6 @@
 """Runs every portable test of tests/unit on MicroPython, from bytecode and from sources.
 
-`make test` runs every second one, from bytecode. test_build.py runs them in a build with all
+`make test` runs every fourth one, from bytecode. test_build.py runs them in a build with all
 passes.
 """
 
@@ -19,7 +19,7 @@ from mpy.harness import ROOT, MicroPython, portable_tests
             file,
             function,
             id=f"{form}-{file.relative_to(ROOT)}::{function}",
-            marks=pytest.mark.slow if form == "py" or number % 3 else (),
+            marks=pytest.mark.slow if form == "py" or number % 4 else (),
         )
         for form in ("py", "mpy")
         for number, (file, function) in enumerate(portable_tests())

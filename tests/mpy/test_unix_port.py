@@ -62,7 +62,7 @@ PROGRAM = """
             print("reason:", last_reason)
     """
 # Portable tests that each run of the group has here; the others are slow ones.
-QUICK = ("portable_connection", "portable_float64")
+QUICK = ("portable_float64",)
 
 
 def server(kind: str, folder: Path, port: int = 0) -> ServerTransport:

@@ -196,6 +196,7 @@ def test_boards_of_a_line_or_a_bus_are_evicted_for_a_board_of_the_network(medium
     desk.close()
 
 
+@pytest.mark.slow
 def test_a_refused_flood_causes_at_most_ten_searches_a_second(monkeypatch):
     desk = a_desk()
     fill(desk, lambda key: ("192.0.2.66", key))
