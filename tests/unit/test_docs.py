@@ -581,14 +581,14 @@ def test_the_metrics_on_the_page_are_those_of_the_agent():
 
 
 def test_the_rules_that_refuse_on_the_page_are_those_of_the_metric():
-    from uros.agent.observability import prometheus
+    from uros.agent.policy.admission import RULES
 
     listed = [
         (kind.strip("`"), rule)
         for kind, rules, _ in table(PRODUCTION, "`kind`", "`rule`", "refused")
         for rule in re.findall(r"`(\w+)`", rules)
     ]
-    assert sorted(listed) == sorted(prometheus._REFUSALS)
+    assert sorted(listed) == sorted((kind, rule) for kind in RULES for rule in RULES[kind])
 
 
 def test_the_log_messages_of_tls_on_the_page_are_in_the_sources():
