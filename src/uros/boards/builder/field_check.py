@@ -22,9 +22,10 @@ from uros.interfaces.checked import meant
 from uros.interfaces.generate import attribute_name, field_type_name
 from uros.interfaces.runtime import check_value
 
+from .inferred_values import Value, instance
 from .modules import Module
 from .scopes import walk
-from .type_inference import Program, Value, instance, last
+from .type_inference import Program, last
 
 _METHODS: Final = {
     "cdr_size", "pack_into", "unpack_from", "unpack_into", "get_fields_and_field_types",

@@ -12,36 +12,23 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any, Final
 
-from uros.interfaces import InterfaceError, registry
-from uros.interfaces.generate import attribute_name
-from uros.interfaces.parse import Action, Message, Service
-
+from .inferred_values import (
+    NOTHING,
+    Value,
+    definition,
+    element_of,
+    field_value,
+    imported_value,
+    instance,
+    join,
+    package,
+)
 from .modules import Module, absolute
 from .scopes import FUNCTIONS, walk
 
-Value = tuple[Any, ...] | None
-"""The inferred value of an expression: ("message", type name); None if it is unknown.
-
-The first element of the tuple is the kind of the value, the second its detail:
-
-==============  ====================================================================================
-``message``     An instance of a message type; the name of the type.
-``class``       The class of a message, service or action type; the name of the type.
-``package``     A package of interface types; its dotted name.
-``own``         An instance of a class that the program defines; the node of the class.
-``own class``   A class that the program defines; its node.
-``function``    A function that the program defines; its node.
-``sequence``    A sequence; the value that all its items have.
-``client``      The client of a service; the name of the service type.
-``future``      The future of a service call; the name of the response type.
-``goal``        A goal handle of an action server; the name of the action type.
-``nothing``     The program's value None; no detail.
-==============  ====================================================================================
-"""
 Binding = Callable[[], Value]
 Function = ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda
 
-_NOTHING: Final = ("nothing",)
 # Functions that register a callback. For each: position and name of its argument that is the
 # interface type, position and name of its argument that is the callback, and what the callback's
 # parameters are.
@@ -119,9 +106,9 @@ class Program:
             return self._values[key]
         if key in self._in_progress:
             self._cycles += 1
-            # The value depends on itself. _NOTHING has no effect in _join, so the value's other
+            # The value depends on itself. NOTHING has no effect in join, so the value's other
             # bindings decide.
-            return _NOTHING
+            return NOTHING
         before = self._cycles
         self._in_progress.add(key)
         try:
@@ -136,7 +123,7 @@ class Program:
 
     def _infer(self, node: ast.expr) -> Value:
         if isinstance(node, ast.Constant):
-            return _NOTHING if node.value is None else None
+            return NOTHING if node.value is None else None
         if isinstance(node, ast.Name):
             return self.name(node.id, self.scopes[node])
         if isinstance(node, ast.Attribute):
@@ -144,17 +131,17 @@ class Program:
         if isinstance(node, ast.Call):
             return self.call(node)
         if isinstance(node, ast.IfExp):
-            return _join([self.infer(node.body), self.infer(node.orelse)])
+            return join([self.infer(node.body), self.infer(node.orelse)])
         if isinstance(node, ast.NamedExpr):
             return self.infer(node.value)
         if isinstance(node, ast.Subscript) and not isinstance(node.slice, ast.Slice):
-            return _element(self.infer(node.value))
+            return element_of(self.infer(node.value))
         if isinstance(node, (ast.List, ast.Tuple)) and node.elts:
-            value = _join(list(map(self.infer, node.elts)))
-            return ("sequence", value) if value and value != _NOTHING else None
+            value = join(list(map(self.infer, node.elts)))
+            return ("sequence", value) if value and value != NOTHING else None
         if isinstance(node, ast.ListComp):
             value = self.infer(node.elt)
-            return ("sequence", value) if value and value != _NOTHING else None
+            return ("sequence", value) if value and value != NOTHING else None
         return None
 
     def name(self, name: str, scope: _Scope) -> Value:
@@ -163,17 +150,17 @@ class Program:
         if owner is None:
             return None
         bindings = owner.names[name]
-        return self._memoized((owner, name), lambda: _join([binding() for binding in bindings]))
+        return self._memoized((owner, name), lambda: join([binding() for binding in bindings]))
 
     def attribute(self, value: Value, name: str) -> Value:
         """Return the value of the attribute ``name`` of an inferred value."""
-        if value is None or value == _NOTHING:
+        if value is None or value == NOTHING:
             return None
         kind, detail = value[0], value[1]
         if kind == "message":
-            return _field(detail, name)
+            return field_value(detail, name)
         if kind == "package":
-            return _import(detail, name)
+            return imported_value(detail, name)
         if kind == "class":
             part = f"{detail}_{name}"
             return ("class", part) if definition(part) else None
@@ -191,13 +178,13 @@ class Program:
         values: list[Value] = []
         for node, binding in self.stores[name]:
             receiver = self.infer(node.value)
-            if receiver is None or receiver == _NOTHING:
+            if receiver is None or receiver == NOTHING:
                 return None
             if receiver[0] in ("own", "own class") and receiver[1] in family:
                 values.append(binding())
         for relative in family:
             values += [binding() for binding in self.inner_scopes[relative].names.get(name, [])]
-        return _join(values) if values else None
+        return join(values) if values else None
 
     def family(self, owner: ast.ClassDef) -> list[ast.ClassDef]:
         """Return a class, its bases and subclasses, and theirs in turn.
@@ -247,7 +234,7 @@ class Program:
         if not scope.is_plain or node.decorator_list or not scope.returns:
             return None
         return self._memoized(
-            (scope, "return"), lambda: _join([self.infer(returned) for returned in scope.returns])
+            (scope, "return"), lambda: join([self.infer(returned) for returned in scope.returns])
         )
 
     # --- parameters ---------------------------------------------------------------------------
@@ -271,14 +258,14 @@ class Program:
             self._argument_value(reference, at, arg, skip)
             for reference in self.references[function.name]
         ]
-        return _join(values) if values else None
+        return join(values) if values else None
 
     def annotated_value(self, annotation: ast.expr, at: ast.AST) -> Value:
         """Return the value that an annotation declares, in the scope of the node ``at``."""
         for node in walk(annotation):
             self.scopes.setdefault(node, self.scopes[at])
         value = self.infer(annotation)
-        if value is None or value == _NOTHING:
+        if value is None or value == NOTHING:
             return None
         if value[0] == "class":
             return instance(value[1])
@@ -507,7 +494,7 @@ class _Collector(ast.NodeVisitor):
     def visit_Import(self, node: ast.Import) -> None:
         for alias in node.names:
             full = alias.name if alias.asname else alias.name.partition(".")[0]
-            value: Value = ("package", full) if registry.has_package(full.split(".")[0]) else None
+            value = package(full)
             self.bind(alias.asname or full, lambda value=value: value)  # type: ignore[misc]
 
     def visit_ImportFrom(self, node: ast.ImportFrom) -> None:
@@ -553,7 +540,7 @@ def _parameter(program: Program, node: Function, at: int, arg: ast.arg) -> Bindi
 
 
 def _element_of(program: Program, node: ast.expr) -> Binding:
-    return lambda: _element(program.infer(node))
+    return lambda: element_of(program.infer(node))
 
 
 def _imported(program: Program, module: str, name: str) -> Binding:
@@ -561,58 +548,9 @@ def _imported(program: Program, module: str, name: str) -> Binding:
         top = program.tops.get(module)
         if top is not None:
             return program.name(name, top)
-        return _import(module, name)
+        return imported_value(module, name)
 
     return find
-
-
-def _import(module: str, name: str) -> Value:
-    """Return the value of ``name`` in a package of interface types."""
-    parts = [*module.split("."), name]
-    if not registry.has_package(parts[0]) or len(parts) > 3:
-        return None
-    if len(parts) == 2:
-        return ("package", ".".join(parts)) if name in registry.KINDS else None
-    full = "/".join(parts)
-    return ("class", full) if definition(full) else None
-
-
-def definition(name: str) -> Message | Service | Action | None:
-    """Return the definition of an interface type; None if it is unknown or cannot be parsed."""
-    try:
-        return registry.definition(name) if registry.exists(name) else None
-    except (InterfaceError, StopIteration):
-        return None
-
-
-def instance(name: str) -> Value:
-    """Return the value of an instance of a message type; None if ``name`` is not a message."""
-    return ("message", name) if isinstance(definition(name), Message) else None
-
-
-def _field(name: str, attribute: str) -> Value:
-    for field in registry.message(name).fields:
-        if attribute_name(field.name) == attribute and not field.type.primitive:
-            value = instance(field.type.name)
-            return ("sequence", value) if field.type.array and value else value
-    return None
-
-
-def _join(values: list[Value]) -> Value:
-    """Return the value that all alternatives have; None if they differ or one is unknown.
-
-    Alternatives that are the program's value None (``_NOTHING``) are ignored. If there are no
-    others, the result is ``_NOTHING``.
-    """
-    certain = set(values) - {_NOTHING}
-    if len(certain) == 1:
-        return certain.pop()
-    return None if certain else _NOTHING
-
-
-def _element(value: Value) -> Value:
-    element: Value = value[1] if value and value[0] == "sequence" else None
-    return element
 
 
 def _plain(annotation: ast.expr) -> ast.expr:
