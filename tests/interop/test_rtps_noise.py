@@ -56,4 +56,5 @@ def test_a_slow_reader_behind_a_link_that_loses():
     ),  # fmt: skip
 )
 def test_a_flood_of_one_participant(kind):
-    assert beside("flood", 4, kind)["sent"] > 10_000
+    """It sends as fast as the machine can: the ten boards send 800 samples meanwhile."""
+    assert beside("flood", 4, kind)["sent"] > 2_000
