@@ -29,10 +29,14 @@ class Network:
         self.members = {}  # by address
         self.log = []  # (source, datagram, place)
 
-    def add(self, number, domain=0, address=None):
+    def add(self, number, domain=0, address=None, peers=()):
+        """Add a participant, with addresses of peers in place of multicast if there are any."""
         address = address or f"10.0.0.{number}"
         place = Locator(UDPV4, 7410, address)
-        member = Participant(prefix(number), domain, [place], [GROUP], [], b"enclave=/;", self.now)
+        groups = [] if peers else [GROUP]
+        places = [Locator(UDPV4, 7410, peer) for peer in peers]
+        enclave = b"enclave=/;"
+        member = Participant(prefix(number), domain, [place], groups, places, enclave, self.now)
         self.members[address] = member
         return member
 

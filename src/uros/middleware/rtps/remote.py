@@ -85,6 +85,7 @@ class RemoteParticipant:
         is_proven: Whether it has answered us, and so receives what is sent to its address.
         lacks_announcement: Whether an announcement of ours was longer than what has come from it:
             then it gets nothing else.
+        introductions: Announcements of ours to it alone, since it was last sent what was left out.
         left_out: Octets of the last message that it was not sent; see :meth:`may_send`. 0: none.
     """
 
@@ -101,6 +102,7 @@ class RemoteParticipant:
         self.announced_at = now
         self.is_proven = False
         self.lacks_announcement = False
+        self.introductions = 0
         self.left_out = 0
         self._sent = 0  # octets, until it is proven
         # What place_of() has found, by GUID: it is asked for each sample.
@@ -128,12 +130,13 @@ class RemoteParticipant:
             return False
         if not self.is_proven and self._sent + self.left_out > self.received:
             return False
-        self.left_out = 0
+        self.left_out = self.introductions = 0
         return True
 
     def may_announce(self, octets: int) -> bool:
         """Return the same for an announcement of ours, without which it cannot answer."""
         self.lacks_announcement = not (self.is_proven or self._take(octets))
+        self.introductions += not self.lacks_announcement
         return not self.lacks_announcement
 
     def _take(self, octets: int) -> bool:

@@ -25,6 +25,8 @@ _INTRODUCTION: Final = 0.5
 # Fast DDS announces itself a moment before it handles what comes, so our answer may be lost. One
 # that announces itself again and has not answered gets another one, after so many seconds.
 _ANSWER_PAUSE: Final = 0.05
+# How many introductions in a row may keep all else from one that does not answer.
+_IN_A_ROW: Final = 2
 
 Datagrams = list[tuple[bytes, Locator]]
 
@@ -93,9 +95,17 @@ class ParticipantAnnouncer:
         return [(message, place)]
 
     def answer(self, remote: RemoteParticipant, now: float) -> Datagrams:
-        """Introduce the participant again to one that has announced itself again, if need be."""
+        """Introduce the participant again to one that has announced itself again, if need be.
+
+        One that knows us since before, while we have forgotten it, does not answer introductions.
+        It answers what they leave no octets for, so that comes first after some of them.
+        """
         is_unanswered = not remote.is_proven and now - remote.announced_at >= _ANSWER_PAUSE
-        return self.introduce(remote, now) if remote.lacks_announcement or is_unanswered else []
+        if not (remote.lacks_announcement or is_unanswered):
+            return []
+        if remote.left_out and not remote.lacks_announcement and remote.introductions >= _IN_A_ROW:
+            return []
+        return self.introduce(remote, now)
 
     def leave(self, remotes: Iterable[RemoteParticipant]) -> Datagrams:
         """Say farewell to all."""
@@ -111,9 +121,10 @@ class ParticipantAnnouncer:
         """Say farewell to a participant whose lease has ended.
 
         It may have been stopped, and go on. Fast DDS would then count as received what we have
-        acknowledged before, and not send it again: it has to discover us anew too.
+        acknowledged before, and not send it again: it has to discover us anew too. If it has
+        ended, another may be at its place by now: the farewell is for this one alone.
         """
-        message = self.farewell()
+        message = self.farewell(remote.prefix)
         place = remote.discovery_place()
         return [(message, place)] if place is not None and remote.is_proven else []
 
@@ -124,16 +135,25 @@ class ParticipantAnnouncer:
         """Return a message that announces the participant."""
         return self._message(parameters.write_participant(self._data))
 
-    def farewell(self) -> bytes:
-        """Return a message that says that the participant is gone."""
+    def farewell(self, to: bytes = ids.NO_PREFIX) -> bytes:
+        """Return a message that says that the participant is gone.
+
+        Args:
+            to: The prefix of the only participant that it is for; by default it is for all.
+        """
         guid = self._data.guid
         return self._message(
-            parameters.write_key(guid), parameters.write_farewell_qos(guid), is_key=True
+            parameters.write_key(guid), parameters.write_farewell_qos(guid), is_key=True, to=to
         )
 
-    def _message(self, payload: bytes, inline_qos: bytes = b"", is_key: bool = False) -> bytes:
+    def _message(
+        self, payload: bytes, inline_qos: bytes = b"", is_key: bool = False,
+        to: bytes = ids.NO_PREFIX,
+    ) -> bytes:  # fmt: skip
         self._number += 1
-        prefix = self._data.guid[: ids.PREFIX_SIZE]
-        return submessages.header(prefix) + submessages.encode_data(
+        head = submessages.header(self._data.guid[: ids.PREFIX_SIZE])
+        if to != ids.NO_PREFIX:
+            head += submessages.encode_info_dst(to)
+        return head + submessages.encode_data(
             ids.SPDP_READER, ids.SPDP_WRITER, self._number, payload, inline_qos, is_key
         )

@@ -25,6 +25,7 @@ from uros.middleware.rtps.parameters import ParticipantData
 from uros.qos import HistoryPolicy, QoSProfile
 
 KEEP_ALL = QoSProfile(history=HistoryPolicy.KEEP_ALL)
+PEERS = ("10.0.0.1", "10.0.0.2")
 
 
 class RoughNetwork(Network):
@@ -83,8 +84,9 @@ class RoughNetwork(Network):
             member.receive(memoryview(datagram), source, self.now)
 
 
-def matched_pair(network, qos=None):
-    one, two = network.add(1), network.add(2)
+def matched_pair(network, qos=None, by_multicast=True):
+    peers = () if by_multicast else PEERS
+    one, two = network.add(1, peers=peers), network.add(2, peers=peers)
     sender, inbox = writer_of(network, one, qos=qos), Inbox(network, two, qos=qos)
     network.until(lambda: sender.matched() and inbox.reader.state.writers)
     network.step(0.1, 20)
@@ -219,17 +221,38 @@ def test_a_participant_that_comes_back_under_its_guid_again_and_again(times, see
     exchange(network, sender, inbox, 1000)
 
 
-def test_a_peer_that_had_forgotten_us_gets_our_endpoints_again():
+@pytest.mark.parametrize("by_multicast", [True, False], ids=["multicast", "peers"])
+@pytest.mark.parametrize("killed", PEERS, ids=["writer", "reader"])
+def test_the_lease_of_one_that_was_killed_does_not_end_its_successor(killed, by_multicast):
+    """A process that is started again mostly has the ports of the one before."""
+    network = RoughNetwork(1)
+    sender, inbox = matched_pair(network, KEEP_ALL, by_multicast)
+    exchange(network, sender, inbox, 0)
+    del network.members[killed]
+    again = network.add(7, address=killed, peers=() if by_multicast else PEERS)
+    if killed == PEERS[0]:
+        sender = writer_of(network, again, qos=KEEP_ALL)
+    else:
+        inbox = Inbox(network, again, qos=KEEP_ALL)
+    exchange(network, sender, inbox, 100)
+    for number in range(200, 300):  # for 30 s; the lease ends after 20 s
+        sender.write(cdr(number), 0, network.now)
+        network.step(0.3)
+    assert inbox.samples[-100:] == [cdr(number) for number in range(200, 300)]
+
+
+@pytest.mark.parametrize("by_multicast", [True, False], ids=["multicast", "peers"])
+def test_a_peer_that_had_forgotten_us_gets_our_endpoints_again(by_multicast):
     """Its lease of us has ended while ours of it has not: its counters begin anew, ours do not."""
     network = RoughNetwork(1)
-    sender, inbox = matched_pair(network, KEEP_ALL)
+    sender, inbox = matched_pair(network, KEEP_ALL, by_multicast)
     one, two = network.members["10.0.0.1"], network.members["10.0.0.2"]
     exchange(network, sender, inbox, 0)
     back = writer_of(network, two, "rt/back", qos=KEEP_ALL)
     back_inbox = Inbox(network, one, "rt/back", qos=KEEP_ALL)
     exchange(network, back, back_inbox, 0)
     two._forget(two.remotes[prefix(1)])
-    network.step(0.1, 80)
+    network.step(0.1, 80 if by_multicast else 200)
     assert len(two.remotes[prefix(1)].endpoints) == 2
     exchange(network, sender, inbox, 100)
     exchange(network, back, back_inbox, 200)
