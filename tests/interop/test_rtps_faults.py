@@ -310,3 +310,22 @@ def test_topics_work_again_when_one_side_has_forgotten_the_other(leases, plane, 
         with plane.lock:
             time.sleep(5.0)
     exchanges(plane, peer, writer, inbox, topics, 1000)
+
+
+def test_a_farewell_for_one_participant_alone_ends_our_endpoints_there(plane, peer, domain):
+    """As the one at the end of a lease, which may find another participant at that place."""
+    with plane.lock:
+        plane.node.create_writer("rt/farewell", TYPE, QoSProfile())
+    assert peer.do("topic", topic="/farewell")["infos"]
+    with plane.lock:  # no turn of ours: nothing but the farewell is sent
+        joined = plane._middleware._domains[domain]
+        participant = joined.participant
+        farewells = [
+            item
+            for remote in participant.remotes.values()
+            for item in participant._announcer.give_up(remote)
+        ]
+        assert farewells
+        participant._outbox.datagrams += farewells
+        joined.flush()
+        assert peer.do("unused", topic="/farewell", seconds=10)["unused"]
