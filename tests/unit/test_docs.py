@@ -197,6 +197,7 @@ INTERNAL = {
     "uros.host.interrupt",
     "uros.host.matching",
     "uros.host.no_agent",
+    "uros.host.stop_signals",
     "uros.transport.at_modem",
 }
 

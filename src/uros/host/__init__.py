@@ -6,7 +6,8 @@
 ``network``        A program's participant in a domain: its node, its graph, its event loop.
 ``direct``         A middleware in place of a board's connection to an agent.
 ``background``     Turns of a connection while its program does something else.
-``interrupt``      Ctrl-C while a node or a network spins.
+``stop_signals``   Ctrl-C, SIGTERM and SIGHUP, as exceptions.
+``interrupt``      These while a node or a network spins.
 ``no_agent``       A line for a program whose node no agent answers.
 ``node``           The Node of a host: ``uros.Node``.
 ``lifecycle``      A Node with a life cycle.

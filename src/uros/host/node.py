@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import atexit
 import weakref
-from contextlib import AbstractContextManager, nullcontext, suppress
+from contextlib import AbstractContextManager, suppress
 from typing import Any
 
 from ..client import node
@@ -13,6 +13,7 @@ from ..middleware import open_middleware
 from ..middleware.environment import environment_domain
 from .direct import Direct
 from .no_agent import NoAgentNotice
+from .stop_signals import Terminated, stop_signals
 
 
 class Node(node.Node):
@@ -25,7 +26,8 @@ class Node(node.Node):
         node.spin()
 
     Use a node from one thread. A node that still exists when the program ends, also by Ctrl-C, is
-    destroyed then.
+    destroyed then. SIGTERM and SIGHUP end :meth:`spin` as Ctrl-C does, and raise SystemExit from
+    :meth:`spin_once`; a program that has handlers for them keeps these.
 
     Args:
         name: The node's name.
@@ -87,12 +89,12 @@ class Node(node.Node):
             return self._spin_once(timeout_sec)
 
     def spin(self) -> None:
-        """Spin until Ctrl-C, or until a callback destroys the node."""
+        """Spin until Ctrl-C, SIGTERM or SIGHUP, or until a callback destroys the node."""
         try:
             with self._interruptible():
                 while not self._destroyed:
                     self._spin_once(None)
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, Terminated):
             pass
 
     def _spin_once(self, timeout_sec: float | None) -> bool:
@@ -110,10 +112,10 @@ class Node(node.Node):
         if not self._destroyed:  # by the callback that has just run
             super()._serve()
 
-    def _interruptible(self) -> AbstractContextManager[None]:
+    def _interruptible(self) -> AbstractContextManager[object]:
         if isinstance(self.connection, Direct):
             return self.connection.interrupt.watched()
-        return nullcontext()
+        return stop_signals()
 
 
 def _leave(node: weakref.ref[Node]) -> None:

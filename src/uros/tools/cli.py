@@ -19,6 +19,7 @@ from importlib import import_module
 from typing import Final, NamedTuple
 
 from .. import __version__
+from ..host.stop_signals import stop_signals
 from ..printable import guarded, printable
 from .parser import Parser
 
@@ -365,7 +366,8 @@ def _guard(run: Callable[[], int]) -> int:
 def _reported(run: Callable[[], int]) -> int:
     try:
         try:
-            status = run()
+            with stop_signals():
+                status = run()
         except SystemExit as stop:  # argparse, after its error message
             status = stop.code if isinstance(stop.code, int) else int(stop.code is not None)
         sys.stdout.flush()

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Final
 from ..printable import printable, unguarded
 from .agent.child_process import AgentProcess
 from .common import add_engine, domain, positive_float
-from .ending import end_on_signals, uninterrupted
+from .ending import uninterrupted
 from .errors import ToolError
 
 if TYPE_CHECKING:
@@ -166,7 +166,6 @@ def run(args: argparse.Namespace) -> int:
     from ..boards.virtual.engine.runner import RunningBoard, StartError
     from .common import join
 
-    end_on_signals()
     args.interfaces, args.distro = [], None
     reads = _Reads()
     interrupted = False

@@ -31,7 +31,7 @@ class StopSignals:
     def __enter__(self) -> StopSignals:
         for number in _STOPPING:
             # Ctrl-C also where it is ignored, as in a script's background: `kill -INT` ends it.
-            if number == signal.SIGINT or signal.getsignal(number) == signal.SIG_DFL:
+            if number == signal.SIGINT or signal.getsignal(number) != signal.SIG_IGN:
                 self._before[number] = signal.signal(number, self._stop)
         return self
 
@@ -43,17 +43,6 @@ class StopSignals:
     ) -> None:
         for number, handler in self._before.items():
             signal.signal(number, handler)
-
-
-def end_on_signals() -> None:
-    """Raise SystemExit at SIGTERM and SIGHUP, so that no process or folder is left."""
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        if signal.getsignal(number) == signal.SIG_DFL:  # nohup ignores SIGHUP
-            signal.signal(number, _end)
-
-
-def _end(number: int, frame: FrameType | None) -> None:
-    raise SystemExit(128 + number)
 
 
 @contextmanager

@@ -20,26 +20,35 @@ publisher = node.create_publisher(Int32, "count", 10)
 node.create_timer(0.05, lambda: publisher.publish(Int32()))
 while not publisher.published:
     node.spin_once(0.1)
+node.create_timer(0.01, lambda: print("spins", flush=True))
 {ending}
 """
 
 
-@pytest.mark.parametrize("ending", ["node.spin()", "1 / 0"])
-def test_a_node_closes_its_session_however_its_program_ends(ending):
+@pytest.mark.parametrize(
+    ("ending", "number"),
+    [
+        ("node.spin()", signal.SIGINT),
+        ("node.spin()", signal.SIGTERM),
+        pytest.param("node.spin()", signal.SIGHUP, marks=pytest.mark.slow),
+        ("1 / 0", None),
+    ],
+)
+def test_a_node_closes_its_session_however_its_program_ends(ending, number):
     with running_agent("udp", "memory") as agent:
         program = PROGRAM.format(port=agent.transport.port, ending=ending)
         with default_signals():
             process = subprocess.Popen(
                 [sys.executable, "-c", program],
-                stdout=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
             )
         try:
-            eventually(lambda: "datawriter created" in agent.said.getvalue())
-            if ending == "node.spin()":
-                process.send_signal(signal.SIGINT)
-            process.wait(SECONDS)
+            if number is not None:
+                assert process.stdout.readline() == b"spins\n"
+                process.send_signal(number)
+            assert process.wait(SECONDS) == (1 if number is None else 0)
         finally:
             process.kill()
-            process.wait()
+            process.communicate()
         eventually(lambda: "session closed" in agent.said.getvalue(), agent.said.getvalue)

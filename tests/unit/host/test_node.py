@@ -765,6 +765,40 @@ def test_ctrl_c_waits_until_samples_are_taken(node, peer, monkeypatch):
 
 
 @default_signals()
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_the_signals_that_end_a_program_do_so_when_samples_are_taken(
+    node, peer, monkeypatch, number
+):
+    """They end the process by default, which then says no farewell."""
+    messages = []
+    node.create_subscription(Int32, "/x", messages.append)
+    dispatch = node.connection.middleware.dispatch
+
+    def meanwhile():
+        signal.raise_signal(number)
+        dispatch()
+
+    with monkeypatch.context() as patched:
+        patched.setattr(node.connection.middleware, "dispatch", meanwhile)
+        writer = peer.create_writer("rt/x", INT32, QoSProfile())
+        writer.write(int32(1))
+        with pytest.raises(SystemExit) as end:
+            node.spin_once(0)
+        assert end.value.code == 128 + number
+        writer.write(int32(2))
+        node.spin()
+    assert signal.getsignal(number) == signal.SIG_DFL
+    work(node)
+    assert messages == [Int32(data=1), Int32(data=2)]
+    before = signal.signal(number, signal.SIG_IGN)  # as nohup does
+    try:
+        node.create_timer(0.001, lambda: signal.raise_signal(number))
+        assert node.spin_once()
+    finally:
+        signal.signal(number, before)
+
+
+@default_signals()
 def test_ctrl_c_just_before_the_wait_ends_it(node, monkeypatch):
     """Without the wakeup fd, Python would handle the signal only after the wait."""
 
@@ -827,7 +861,8 @@ def test_a_program_with_its_own_handler_keeps_it(node, peer, monkeypatch):
         signal.signal(signal.SIGINT, before)
 
 
-def test_three_lines_end_with_ctrl_c_and_leave_the_network(monkeypatch, own_domain_id):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_three_lines_end_with_a_signal_and_leave_the_network(monkeypatch, own_domain_id, number):
     monkeypatch.setenv("ROS_DOMAIN_ID", str(own_domain_id))
     with Network(own_domain_id) as network:
         with default_signals():
@@ -856,7 +891,7 @@ def test_three_lines_end_with_ctrl_c_and_leave_the_network(monkeypatch, own_doma
             timer.cancel()
             publisher.destroy_node()
             assert "temperature=21.5" in lines[0]
-            process.send_signal(signal.SIGINT)
+            process.send_signal(number)
             _, errors = process.communicate(timeout=20)
             assert errors == "" and process.returncode == 0, errors
             # A participant that is not deleted expires only after ten seconds.

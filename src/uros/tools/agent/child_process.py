@@ -47,7 +47,7 @@ class AgentProcess:
     @property
     def ended(self) -> bool:
         """Whether the process has ended."""
-        # Not by Popen.poll(): a signal handler that raises in it, as those of `end_on_signals` do,
+        # Not by Popen.poll(): a signal handler that raises in it, as those of `stop_signals` do,
         # can leave the lock of Popen taken, and close() would wait for ever.
         return not self._reader.is_alive()
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from ..agent.child_process import AgentProcess
-from ..ending import end_on_signals, uninterrupted
+from ..ending import uninterrupted
 from ..errors import ToolError
 from .build import program_folder
 from .connections import Connections
@@ -133,7 +133,6 @@ class Simulation:
         from ...boards.virtual.engine.runner import StartError
         from ...boards.virtual.models.catalog import BoardError
 
-        end_on_signals()
         try:
             self._seats = [self._seat(index, plan) for index, plan in enumerate(self._plans)]
             self._start_boards()

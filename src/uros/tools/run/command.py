@@ -9,6 +9,7 @@ import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TextIO
 
+from ...host.stop_signals import Terminated
 from ..common import domain
 from ..errors import ToolError, UsageError, did_you_mean
 
@@ -97,8 +98,8 @@ def run(args: argparse.Namespace) -> int:
                     node.spin_once()
             finally:
                 node.destroy_node()
-    except KeyboardInterrupt:
-        pass  # the usual end
+    except (KeyboardInterrupt, Terminated):
+        pass  # the usual ends
     if lines.ended:
         raise BrokenPipeError
     return 0
