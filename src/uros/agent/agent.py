@@ -333,7 +333,7 @@ class Agent:
                 self.refusals.count("connection", "allow_net", address, reason, now, times=count)
             self.log.warning(
                 transport.name, "receive", reason,
-                f"address: {address}, it is in no network of --allow-net"
+                f"address: {address}, it is in no allowed network"
                 + (f", client_key: {key_label(key)}" if key is not None else "")
                 + (f" ({count} messages)" if count > 1 else ""),
             )  # fmt: skip

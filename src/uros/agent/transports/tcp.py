@@ -162,7 +162,7 @@ class TcpServer(ServerTransport):
             sock.close()
             self.on_refused("allow_net", text_of(address), "address not allowed")
             if self._refused.add():
-                about = f"it is in no network of --allow-net, refused: {self._refused.count}"
+                about = f"it is in no allowed network, refused: {self._refused.count}"
                 self._note("connection refused", about, address)
             return
         full = len(self._connections) >= MAX_CONNECTIONS

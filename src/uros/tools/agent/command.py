@@ -18,7 +18,7 @@ from .config import check
 from .options import admission, audit, capture, limits, rules, state, status_socket
 from .options.group import OptionGroup
 from .options.transports import DEFAULT_DISCOVERY_PORT, TRANSPORTS, make, make_discovery, port
-from .reload import Reloader, Settings, has_terminal, make_settings
+from .reload import Reloader, Settings, has_terminal, log_replaced, make_settings
 
 if TYPE_CHECKING:
     from ...agent.server import Server
@@ -178,8 +178,10 @@ def run(args: argparse.Namespace) -> int:
         options = _common(parts, config)
         given = [part for part in parts if part.transport is not None]
         if not given and (config is None or not config.transports):
+            instead = "" if config is None else f", or give {config.path} a [[transport]]"
             args.usage_error(
                 f"name a transport ({', '.join(TRANSPORTS)}), such as: uros agent udp4 --port 8888"
+                + instead
             )
         use_distro(options.distro)
 
@@ -285,6 +287,7 @@ def _serve(settings: Settings, read: Callable[[], Settings]) -> int:
     _act_on_signals(server, Reloader(server, settings, read))
     watchdog = Watchdog(server, log)
     log(INFO, "Root", "set_verbose_level", "logger setup", f"verbose_level: {options.verbose}")
+    log_replaced(log, settings)
     if options.p2p is not None:
         log(WARNING, "Root", "main", "option ignored", "--p2p is not supported")
     if options.domain is not None:

@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from ...agent.log import INFO, WARNING
+from ...agent.log import INFO, WARNING, Log
 from ...agent.objects.kinds import key_label
 from ...agent.policy.admission import Admission
 from ...agent.policy.config_values import ConfigError
@@ -33,12 +33,14 @@ class Settings(NamedTuple):
     Attributes:
         options: The options of file and command line.
         transports: The options of each transport: those on the command line, else of the file.
+        replaced: How many transports of the file are not served, as the command line has others.
         rules: The rules of all files and of the command line.
         admission: The admission of all files and of the command line.
     """
 
     options: argparse.Namespace
     transports: list[argparse.Namespace]
+    replaced: int
     rules: Rules
     admission: Admission
 
@@ -58,9 +60,19 @@ def make_settings(
         ToolError: An option is malformed.
     """
     client_rules = rules.make_rules(options, config)
-    transports = given or (config.transports if config is not None else [])
     client_admission = admission.make_admission(options, client_rules)
-    return Settings(options, transports, client_rules, client_admission)
+    configured = config.transports if config is not None else []
+    replaced = len(configured) if given else 0
+    return Settings(options, given or configured, replaced, client_rules, client_admission)
+
+
+def log_replaced(log: Log, settings: Settings) -> None:
+    """Log that transports of the file are not served, if there are any."""
+    if settings.replaced:
+        log(
+            INFO, "Root", "main", "transports of the file not served",
+            f"{settings.options.config}: {settings.replaced}; the command line has its own",
+        )  # fmt: skip
 
 
 class Reloader:
@@ -143,6 +155,7 @@ class Reloader:
         if replaced.waiting:
             about += f", new rules from their next session on: {_named(replaced.waiting)}"
         server.note(INFO, "Root", "reload", "rules reloaded", about)
+        log_replaced(agent.log, settings)
         if changed := _restart_needed(self._started, settings):
             server.note(
                 WARNING, "Root", "reload", "restart needed",

@@ -297,7 +297,7 @@ def test_a_peer_outside_the_networks_gets_no_answer(session_id):
         assert running.agent.refusals[2].address.startswith("127.0.0.2:")
         log = running.said.getvalue()
         assert log.count("address not allowed") == 1
-        assert "it is in no network of --allow-net, client_key: 0x00000002" in log
+        assert "it is in no allowed network, client_key: 0x00000002" in log
 
 
 def test_a_tcp_connection_from_outside_the_networks_is_closed_at_once():
@@ -310,7 +310,7 @@ def test_a_tcp_connection_from_outside_the_networks_is_closed_at_once():
             datagram = create_client(1)
             inside.sendall(len(datagram).to_bytes(2, "little") + datagram)
             assert inside.recv(100)
-        assert "it is in no network of --allow-net, refused: 1" in running.said.getvalue()
+        assert "it is in no allowed network, refused: 1" in running.said.getvalue()
 
 
 def test_networks_do_not_apply_to_serial_lines():

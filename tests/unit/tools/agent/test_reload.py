@@ -256,8 +256,12 @@ def test_a_file_whose_transports_the_command_line_replaces_needs_no_restart(tmp_
     text = '[[transport]]\ntype = "udp4"\nport = 0\n'
     config.write_text(text)
     with agent("udp4", "-p", 0, "-m", "memory", "--config", config) as process:
+        said = process.until(r"transports of the file not served +\| (.*)")[1]
+        assert said == f"{config}: 1; the command line has its own"
         process.until(r"UDPv4Agent +\| init .*port: (\d+)")
-        config.write_text(text.replace("port = 0", "port = 7") + "[limits]\nmax_memory = 16\n")
+        more = text.replace("port = 0", "port = 7") + text + "[limits]\nmax_memory = 16\n"
+        config.write_text(more)
         about = reloaded(process, "restart needed")
         assert about == "changed, and used from the next start on: max_memory"
+        assert f"{config}: 2; the command line" in process.text
         assert process.end() == 0

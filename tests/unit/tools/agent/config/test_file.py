@@ -325,5 +325,6 @@ def test_a_file_without_a_transport_needs_one_on_the_command_line(tmp_path):
     path.write_text('[agent]\nmiddleware = "memory"\n')
     status, output = refused("--config", path)
     assert status == 2 and "name a transport" in output
+    assert f"or give {path} a [[transport]]" in " ".join(output.split())
     status, output = refused("-v", 5)
     assert status == 2 and "name a transport" in output
