@@ -118,6 +118,7 @@ class Simulation:
         self._seats: list[_Seat] = []
         self._screen = Screen()
         self._agent: AgentProcess | None = None
+        self._agent_has_port = False
         self._connections: Connections | None = None
         self._rules: tempfile.TemporaryDirectory[str] | None = None
 
@@ -215,6 +216,7 @@ class Simulation:
             arguments += [*devices, "--baudrate", str(baud)]
         if any(find(plan.board).agent or plan.plugs for plan in self._plans) or not lines:
             arguments += ["udp4", "--port", str(self._port)]
+            self._agent_has_port = True
         # The table shows the boards; beside it only warnings are of interest.
         arguments += ["--verbose", str(_WARNINGS if self._screen.live else _INFO)]
         rules = self._write_rules()
@@ -245,7 +247,8 @@ class Simulation:
         """Raise ToolError if the agent has ended. Its log has the reason."""
         if self._agent is not None and self._agent.ended:
             self._close()
-            raise ToolError("the agent has ended; its log above has the reason")
+            option = "; --agent-port chooses its UDP port" if self._agent_has_port else ""
+            raise ToolError(f"the agent has ended; its log above has the reason{option}")
 
     # --- what is shown ----------------------------------------------------------------
 
