@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from types import SimpleNamespace
 
 import pytest
 from support.signals import default_signals
@@ -977,19 +978,21 @@ def test_a_node_without_an_agent_says_so_once_and_goes_on(monkeypatch, capsys):
 
 
 def test_a_wait_that_ends_early_does_not_keep_the_notice_from_being_printed(monkeypatch, capsys):
-    monkeypatch.setattr("uros.host.no_agent.PATIENCE", 0.02)
     node = Node("counter", UdpTransport("127.0.0.1", 9))
     waits = []
+    now = 100.0
 
     def end_early(self, timeout_sec=None):
+        nonlocal now
         waits.append(timeout_sec)
-        time.sleep(0 if timeout_sec is None else timeout_sec / 2)
+        now += 0.0 if timeout_sec is None else min(timeout_sec, 1.0)
         return False
 
     monkeypatch.setattr(ClientNode, "spin_once", end_early)
+    monkeypatch.setattr("uros.host.no_agent.time", SimpleNamespace(monotonic=lambda: now))
     try:
         node.spin_once(None)
-        assert len(waits) > 2 and waits[-1] is None and None not in waits[:-1]
+        assert waits == [3.0, 2.0, 1.0, None]
         assert capsys_has(capsys, "no agent has answered the node counter")
     finally:
         monkeypatch.undo()
