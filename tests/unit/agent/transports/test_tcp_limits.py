@@ -272,7 +272,7 @@ def test_the_connections_of_one_address_are_limited_and_others_are_served(monkey
 
 def test_a_session_on_tcp_goes_on_after_the_others_were_closed(monkeypatch):
     """End to end: the timer of the server, a silent session, and a silent bare connection."""
-    monkeypatch.setattr(module, "IDLE_SECONDS", 0.2)
+    monkeypatch.setattr(module, "IDLE_SECONDS", 1.0)
     monkeypatch.setattr(module, "_SWEEP_SECONDS", 0.05)
     with running_agent("tcp", "memory") as agent:
         high = XrceClient(agent.line(), 0x31)
