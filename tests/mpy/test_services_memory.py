@@ -3,7 +3,6 @@
 import pytest
 from mpy.harness import MicroPython
 from mpy.measures import heap_of_program
-from support.variants import slow_except
 
 BASE = """
 from uros.client import Node
@@ -76,7 +75,8 @@ def base() -> int:
         return heap_of_program(board, BASE)
 
 
-@pytest.mark.parametrize("service", slow_except(LIMITS))
+@pytest.mark.slow
+@pytest.mark.parametrize("service", LIMITS)
 def test_heap_of_a_service(micropython: MicroPython, base: int, service: str) -> None:
     program, limit = LIMITS[service]
     cost = heap_of_program(micropython, program) - base

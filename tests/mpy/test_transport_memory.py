@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 from mpy.harness import MicroPython, tree
-from support.variants import slow_except
 
 from uros.boards.builder.file_system import build
 
@@ -70,7 +69,8 @@ def bare(tmp_path_factory):
     return heap_of(tmp_path_factory.mktemp("bare") / "bare", "", "port")
 
 
-@pytest.mark.parametrize("kind", slow_except(KINDS))
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
 def test_heap_of_a_transport(kind, bare, tmp_path):
     imports, transport, limit = KINDS[kind]
     cost = heap_of(tmp_path, imports, transport) - bare

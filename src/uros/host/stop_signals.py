@@ -24,6 +24,7 @@ _DEFAULTS: Final[dict[int, Any]] = {
     signal.SIGTERM: signal.SIG_DFL,
     getattr(signal, "SIGHUP", signal.SIGTERM): signal.SIG_DFL,
 }
+SIGNALS: Final = tuple(_DEFAULTS)
 
 
 @contextmanager
